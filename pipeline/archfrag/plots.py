@@ -22,6 +22,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from archfrag.arch.marks import joint_numbers
 from archfrag.errors import InputError
 from archfrag.files import Named, check_targets, register
 
@@ -147,11 +148,19 @@ def plot_arch(arch, ax: Axes | None = None) -> Axes:
     outer = arch.extrados[: arch.n_joint].copy()
     along = (outer - inner) / np.linalg.norm(outer - inner, axis=1, keepdims=True)
     grounds = [mark.points[1] for mark in marks if mark.role == "ground"]
-    for joint, place in zip((0, -1), grounds):
+    for (joint, _), place in zip(arch.bases.values(), grounds):
         outer[joint] = place
-    for joint in range(0, arch.n_joint, -(-arch.n_joint // MOST_NUMBERS)):
-        away = 9.0 * along[joint]
-        _annotate(ax, str(joint), outer[joint], away, fontsize=SIZE - 1.0, ha="center")
+    small: Named = {"fontsize": SIZE - 1.0, "ha": "center"}
+    for part in arch.parts[: len(arch.places)]:  # none of one ring alone
+        joint = part.joints[len(part.joints) // 2]
+        _annotate(ax, part.name, inner[joint], -24.0 * along[joint], **small)
+        if (
+            "pier" not in part.name
+        ):  # number joints within the span: no other ring is near
+            rows = list(part.joints)
+            outer[rows], along[rows] = inner[rows], -along[rows]
+    for joint, number in joint_numbers(arch, MOST_NUMBERS * min(3, len(arch.spans))):
+        _annotate(ax, number, outer[joint], 9.0 * along[joint], **small)
     ax.autoscale_view()
     ax.margins(0.06)
     return ax
@@ -199,9 +208,11 @@ def plot_response(response, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax)
     ax.plot(time, rotation, color=GREY, lw=0.6)
     most = int(np.abs(rotation).max(axis=0).argmax())
-    ax.plot(time, rotation[:, most], color=BLUE, lw=1.4, label=f"voussoir {most}")
+    of = next(part.name for part in response.arch.parts if most in part.every)
+    label = f"voussoir {most}" + f" of {of}" * bool(response.arch.places)
+    ax.plot(time, rotation[:, most], color=BLUE, lw=1.4, label=label)
     if response.collapsed:
-        label = f"joint {response.collapse_joint} loses contact for good"
+        label = f"{response.collapse_place} loses contact for good"
         ax.axvline(
             response.collapse_time, color=VERMILION, lw=1.2, ls="--", label=label
         )

@@ -164,10 +164,10 @@ PROPERTIES = VARIABLE | {
         "Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default.",
         taken=DRAWN,
     ),
+    **dict.fromkeys(("ends", "fill", "springings", "ties"), Property(taken=_LOADED)),
     **dict.fromkeys(
-        ("spans", "piers", "ends", "fill", "springings", "ties"),
-        Property(taken=_LOADED),
-    ),
+        ("spans", "piers"), Property(taken=_LOADED[:-1])
+    ),  # not with a drawing
     "strength": Property(
         "N/m2",
         1.0,
@@ -229,7 +229,7 @@ def value_of(given: Mapping[str, Any], key: str):
                 each[name] for each in value if each and each.get(name) is not None
             ]
         else:
-            value = (value or {}).get(name)
+            value = value.get(name) if isinstance(value, Mapping) else None
     return value
 
 

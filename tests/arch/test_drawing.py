@@ -133,7 +133,7 @@ LOW, MIDDLE, HIGH = PIER
 # Blocks with a fault, which of them is to be named, and what the message has to contain.
 FAULTS = {
     "gap": ([LOW, MIDDLE, [(x, y + 0.01) for x, y in HIGH]], 1, "0.01 m away"),
-    "branch": ([*PIER, [(1, 0.5), (2, 0.5), (2, 1.0), (1, 1.0)]], 1, "3 joints"),
+    "branch": ([*PIER, [(1, 0.5), (2, 0.5), (2, 1.0), (1, 1.0)]], 2, "hangs at one"),
     "overlap": ([LOW, MIDDLE, [(x, y - 0.1) for x, y in HIGH]], 1, "overlaps"),
     "doubled": ([*PIER, HIGH], 2, "overlaps"),
     "crossed": ([LOW, [MIDDLE[i] for i in (0, 2, 1, 3)], HIGH], 1, "itself"),
@@ -174,7 +174,7 @@ def test_blocks_that_make_no_chain_are_refused_by_handle(tmp_path, blocks, wrong
         ),
         (PIER[:1], {"ground": []}, {}, "LWPOLYLINE 2F"),
         (PIER, {"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
-        (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
+        (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "hangs at one joint"),
     ],
 )
 def test_drawings_that_are_refused(tmp_path, blocks, options, reading, word):

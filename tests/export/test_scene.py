@@ -23,7 +23,7 @@ from archfrag.export import scenes
 from archfrag.export.scenes import export_arches
 from archfrag.motions.measures import measure
 from archfrag.study.file.prepared import load_prepared, load_record, prepare_motions
-from archfrag.study.file.schema import load_study
+from archfrag.study.file.schema import Method, load_study
 from archfrag.study.runs.store import make_plan
 from tests.study.small import ROOT, command, small_study, write_at2
 
@@ -64,7 +64,9 @@ def study_of(folder, arches=ARCHES, *, prepared=True, text=""):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A study of all kinds of arches, its folder of exports, and its scene."""
-    study = study_of(tmp_path_factory.mktemp("scene"), text="method: {delay: 0.02}\n")
+    study = study_of(
+        tmp_path_factory.mktemp("scene"), text="method: {bases: {right: 0.02}}\n"
+    )
     export_arches(study, ["scene", "dxf"])
     folder = study.folder / "export"
     return study, folder, json.loads((folder / "small-scene.json").read_text())
@@ -222,13 +224,13 @@ def test_ties(made):
     )
     entry = SimpleNamespace(build=lambda: anchored)
     member = SimpleNamespace(entry=entry, id="a", arch_class="a")
-    assert scenes._arch(member)["ties"][0]["bodies"] == [1, 0]
+    assert scenes._arch(member, Method())["ties"][0]["bodies"] == [1, 0]
 
 
 def test_motions_are_those_of_the_study_to_the_last_bit(made):
     study, _, scene = made
     plan = make_plan(study)
-    assert scene["delay"] == 0.02
+    assert scene["arches"][0]["delays"] == [0.0, 0.02]
     assert scene["intensity"] == {
         "measure": "PGA",
         "unit": "g",

@@ -82,15 +82,19 @@ def pose(mass, inertia, centroid, friction, modes, free=0.0, **arrays):
     n_joint = friction.size
     rough = np.isinf(friction)
     model = Model(
-        framed(mass),
-        framed(inertia),
-        framed(1.0 / mass),
-        framed(1.0 / inertia),
-        framed(np.asarray(centroid)),
-        np.zeros((n_joint, 2, 2, 2)),
-        np.zeros((n_joint, 2, 2)),
-        np.ones(n_joint),
-        friction,
+        body=None,
+        bed=None,
+        ahead=None,
+        mass=framed(mass),
+        inertia=framed(inertia),
+        inverse_mass=framed(1.0 / mass),
+        inverse_inertia=framed(1.0 / inertia),
+        centroid=framed(np.asarray(centroid)),
+        corner=np.zeros((n_joint, 2, 2, 2)),
+        tangent=np.zeros((n_joint, 2, 2)),
+        length=np.ones(n_joint),
+        friction=friction,
+        end=mass.size + 1,
         start=np.zeros((mass.size + 2, 3)),
         tie=np.zeros((0, len(Tie))),
         gravity=9.81,
@@ -185,7 +189,7 @@ class Posed:
         work.known[:] = work.slide
         work.free[1:-1] = -horizontal, -chain.gravity - vertical, 0.0
         first_level.centripetal_bias(
-            self.position, self.velocity, slip, work.known, work
+            model, self.position, self.velocity, slip, work.known, work
         )
         self.modes, self.problem = modes, Problem(model, self.position, work).copy()
 

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 import archfrag as af
 from archfrag.physics import ground
 from archfrag.physics.state import Clock, model_of
+from archfrag.physics.status import Energy
+from archfrag.physics.steps.run import new_rigid_runs
+from archfrag.physics.steps.step import record_base_work
 
 DT = 0.02
 SAMPLES = np.random.default_rng(2).normal(size=(3, 50))
@@ -93,3 +97,47 @@ def test_rest_ends_where_the_load_leaves_its_range(x, y, limits, given, expected
     leave, for_good = ground.end_rest(MODEL, grounds, clock, *limits)
     assert for_good is expected[1]
     assert leave == pytest.approx(expected[0])
+
+
+def test_each_base_moves_by_its_own_acceleration():
+    apart = np.random.default_rng(4).normal(size=(50, 3, 2))
+    bases = ground.grounds_of([(SAMPLES[0], None, DT, apart)])
+    model = MODEL._replace(mass=np.append(MODEL.mass, [0.0, 0.0]))
+    runs = new_rigid_runs(model)._replace(grounds=bases)
+    clock = runs.state.clock
+    clock[Clock.FACTOR] = -1.5
+    time = np.linspace(0.0, 49 * DT, 49 * 400 + 1)
+    knots = DT * np.arange(50)
+    waves = -1.5 * apart.reshape(50, 6).T
+    fine = np.array([np.interp(time, knots, wave) for wave in waves])
+    velocity = cumulative_trapezoid(fine, time, initial=0.0)
+    path = cumulative_trapezoid(velocity, time, initial=0.0)
+    for start, step in ((0.013, 0.02), (0.3, 0.004), (0.9, 0.07)):
+        clock[Clock.TIME] = start
+        clock[Clock.STEP] = step
+        impulse = ground.move_ground(runs)
+        assert impulse == ground.impulse_between(bases, clock, start, start + step)
+        at = [start, start + 0.5 * step, start + step]
+        first, middle, last = np.array([np.interp(at, time, each) for each in path]).T
+        for found, expected in (
+            (runs.work.position, middle),
+            (runs.state.velocity, (middle - first) / (0.5 * step)),
+            (runs.work.free, (last - middle) / (0.5 * step)),
+        ):
+            rows = found[2:, :2].ravel()
+            assert rows == pytest.approx(expected, rel=1e-4, abs=1e-6)
+            assert not found[:2].any()
+
+
+def test_the_work_of_a_base_has_the_sign_of_its_side():
+    """Two bodies stand on one base by the first joint and by the last."""
+    arch = af.Arch.circular(5.0, 1.0, 120.0, voussoirs=2, friction=0.7)
+    model = model_of(arch.chain)._replace(
+        body=np.array([[3, 1], [1, 2], [2, 3]], np.uint64)
+    )
+    runs = new_rigid_runs(model)
+    runs.state.velocity[3, :2] = 1.0, 10.0
+    runs.work.solved[3, :2] = 1.0, 30.0
+    runs.work.reaction[:, :2] = [[5.0, 7.0], [9.0, 9.0], [2.0, 1.0]]
+    record_base_work.py_func(model, runs.state, runs.work, True)
+    assert runs.state.energy[Energy.GROUND] == (5.0 - 2.0) * 1.0 + (7.0 - 1.0) * 20.0

@@ -77,7 +77,7 @@ def test_gaps_and_relative_velocities_are_those_of_the_paper():
         position[1:-1] += 0.03 * rng.normal(size=shape)
         velocity[1:-1] = rng.normal(size=shape)
         work = placed(position)
-        placing.relative_velocity(position, velocity, work.pivot, work.relative)
+        placing.relative_velocity(MODEL, position, velocity, work.pivot, work.relative)
         for j in range(ARCH.n_joint):
             bodies = [(position[i, :2], velocity[i]) for i in (j, j + 1)]
             assert work.relative[j, :2] == pytest.approx(

@@ -9,6 +9,9 @@ from click.testing import CliRunner
 
 import archfrag as af
 from archfrag.cli import main
+from archfrag.simulation.arguments import base_positions
+from archfrag.simulation.simulate import results_of_runs
+from archfrag.simulation.springings import ground_of
 from tests.nearby import nearby
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
@@ -16,6 +19,8 @@ TIME = np.arange(0.0, 6.0, 0.005)
 PULSE = af.Motion(
     6.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005
 )
+RING = af.Arch.segmental(6.0, 2.0, 0.6, voussoirs=9, friction=0.6)
+BRIDGE = af.Bridge([RING, RING], piers=[{"height": 3.0, "width": 1.6, "courses": 3}])
 
 
 def least_spread(arch):
@@ -170,11 +175,147 @@ def test_methods_agree_on_an_arch_that_has_moved(moved, error):
     assert both.peak_rotation == pytest.approx(events.peak_rotation, rel=0.1)
 
 
-class TestTwoMotions:
+def apart(delay):
+    """Wave speed at which the right base of ARCH is later by `delay` [s]."""
+    places = base_positions(ARCH)
+    return (places["right"] - places["left"]) / delay
+
+
+class TestBases:
+    def test_they_are_where_the_ground_is(self):
+        chain = ARCH.chain
+        ends = chain.face_before[0, :, 0], chain.face_after[-1, :, 0]
+        left, right = (end.mean() for end in ends)
+        assert base_positions(ARCH) == {"left": left, "right": right}
+        block = af.Block(width=0.2, height=1.0, friction=0.8)
+        assert base_positions(block) == {"left": pytest.approx(0.0)}
+
+    def test_a_wave_from_the_right_reaches_the_left_base_last(self):
+        places = base_positions(BRIDGE)
+        assert list(places) == ["left", "pier 1", "right"]
+        ground = ground_of(PULSE, BRIDGE, wave_speed=-430.0)
+        lead = len(ground.motion.acceleration) - len(PULSE.acceleration)
+        ahead = [(x - places["left"]) / 430.0 for x in places.values()]
+        assert lead == math.ceil(ahead[-1] / 0.005)
+        time = 0.005 * np.arange(len(ground.horizontal))
+        for k in (1, 2):
+            since = time - (0.005 * lead - ahead[k])
+            own = np.interp(since, PULSE.time, PULSE.acceleration, 0.0, 0.0)
+            found = ground.horizontal + ground.apart[:, k - 1, 0]
+            assert found == pytest.approx(own, abs=1e-12)
+            assert not ground.apart[:, k - 1, 1].any()
+
+    @pytest.mark.parametrize("moved", [{"spread": 0.01}, {"rotation": 0.3}])
+    def test_the_mirror_of_a_pier_that_moves(self, moved):
+        """Of a symmetric bridge: one way bears towards +x what the other bears towards -x."""
+        back = {name: -value for name, value in moved.items()}
+        path, mirror = (
+            af.springing_path(BRIDGE, **each, springing="pier 1")
+            for each in (moved, back)
+        )
+        assert path.plus == pytest.approx(mirror.minus, rel=1e-9)
+        assert path.minus == pytest.approx(mirror.plus, rel=1e-9)
+        assert path.plus[-1] < path.plus[0]
+        with pytest.raises(af.errors.InputError, match="must be left or pier 1 or"):
+            af.springing_path(BRIDGE, **moved, springing="pier 2")
+
+    def test_energy_closes_where_every_base_moves(self):
+        own = {
+            "pier 1": 0.05,
+            "right": af.Motion(0.5 * PULSE.acceleration[::-1], 0.005),
+        }
+        factors = [0.5, 0.8, 1.1, 1.4, 1.7]
+        runs = [af.simulate(BRIDGE, PULSE, factor, bases=own) for factor in factors]
+        for run in runs:
+            energy = run.energy
+            given = sum(
+                energy[name]
+                for name in ("ground", "friction", "impacts", "balance_error")
+            )
+            left = energy["kinetic"] + energy["potential"] - given
+            assert abs(left) < 1e-10 * abs(energy["ground"])
+            assert run.energy_error < 1e-3
+        together = af.simulate_many(BRIDGE, PULSE, factors, bases=own)
+        assert together.peak_rotation.values.tolist() == [
+            run.peak_rotation for run in runs
+        ]
+
+    def test_a_wave_on_a_bridge_has_its_mirror(self):
+        """Relative to the left base, which moves first and last."""
+        with pytest.raises(af.errors.InputError, match="event_driven is for one span"):
+            af.simulate(BRIDGE, PULSE, method="event_driven")
+        speed = np.ptp(list(base_positions(BRIDGE).values())) / 0.1
+        first, last = (
+            np.median(
+                [
+                    af.simulate(
+                        BRIDGE, motion, sense, wave_speed=sense * speed
+                    ).peak_rotation
+                    for motion in nearby(0.8 * PULSE)
+                ]
+            )
+            for sense in (-1.0, 1.0)
+        )
+        assert first == pytest.approx(last, rel=0.05)
+
+
+class TestMotionsOfBases:
+    def test_a_delay_is_a_motion_of_its_own(self):
+        size = len(TIME) + 4
+        late = 0.005 * np.arange(size) - 0.0173
+        wave = np.interp(late, PULSE.time, PULSE.acceleration, 0.0, 0.0)
+        given = (
+            {"bases": {"right": 0.0173}},
+            {"bases": {"right": af.Motion(wave, 0.005)}},
+            {"wave_speed": apart(0.0173)},
+        )
+        peaks = [af.simulate(ARCH, PULSE, 0.5, **each).peak_rotation for each in given]
+        assert peaks[0] == peaks[1] != af.simulate(ARCH, PULSE, 0.5).peak_rotation
+        assert peaks[2] == pytest.approx(peaks[0], rel=1e-6)
+
+    def test_a_wave_from_the_right_is_the_mirror_of_one_from_the_left(self):
+        rightwards = af.simulate(ARCH, -1.0 * PULSE, 0.5, wave_speed=apart(0.02))
+        leftwards = af.simulate(ARCH, PULSE, 0.5, wave_speed=-apart(0.02))
+        assert leftwards.peak_rotation == pytest.approx(
+            rightwards.peak_rotation, rel=1e-3
+        )
+        lead = len(leftwards.motion.acceleration) - len(TIME)
+        assert lead in (4, 5)
+        assert not leftwards.motion.acceleration[:lead].any()
+
+    def test_records_start_later_if_another_base_moves_before(self):
+        both = PULSE.then(PULSE, gap=1.0)
+        for delay, later in ((0.1, 0.0), (-0.1, 0.1)):
+            given = {"bases": {"right": delay}}
+            starts = results_of_runs(ARCH, [both, PULSE], [0.1, 0.1], **given)[2]
+            expected = [both.record_start + later, 0.0]
+            assert starts.tolist() == pytest.approx(expected)
+
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"wave_speed": 0.0}, "size of wave_speed is 0.0; it must be"),
+            ({"wave_speed": "fast"}, "wave_speed is 'fast'; it must be"),
+            ({"wave_speed": 1e3, "bases": {"right": 0.1}}, "are both given"),
+            ({"bases": {"pier 1": 0.1}}, "'pier 1'; allowed for this arch are right"),
+            ({"bases": {"left": 0.1}}, "'left'; allowed for this arch are right"),
+            ({"bases": {"right": 61.0}}, "bases.right is 61.0; it must be"),
+            ({"bases": {"right": "late"}}, "bases.right is 'late'; it must be"),
+            ({"bases": 0.1}, "bases is 0.1; it must be a mapping"),
+            (
+                {"bases": {"right": af.Motion(TIME, 0.01)}},
+                "the motion of right has a time step of 0.01 s and the motion of the left",
+            ),
+        ],
+    )
+    def test_what_cannot_move_is_refused(self, given, message):
+        with pytest.raises(af.errors.InputError, match=message):
+            af.simulate(ARCH, PULSE, **given)
+
     def test_equal_motions_change_no_bit(self):
         plain = af.simulate(ARCH, PULSE)
-        for far in (PULSE, 0.0):
-            same = af.simulate(ARCH, PULSE, far=far)
+        for own in (PULSE, 0.0):
+            same = af.simulate(ARCH, PULSE, bases={"right": own})
             assert same.peak_rotation == plain.peak_rotation
             assert same.residual_displacement == plain.residual_displacement
 
@@ -186,7 +327,9 @@ class TestTwoMotions:
         motions = nearby(0.8 * PULSE)
         by_steps, by_events = (
             [
-                af.simulate(ARCH, motion, far=delay, method=method, rtol=rtol)
+                af.simulate(
+                    ARCH, motion, bases={"right": delay}, method=method, rtol=rtol
+                )
                 for motion in motions
             ]
             for method, rtol in (("time_stepping", 1e-4), ("event_driven", 1e-8))
@@ -210,15 +353,20 @@ class TestTwoMotions:
         assert apart < max(0.05 * np.median(events), chaos)
 
     def test_a_block_between_feels_only_its_own_ground(self):
-        with pytest.raises(af.errors.InputError, match="no right springing"):
-            af.simulate(af.Block(width=0.2, height=1.0, friction=0.8), PULSE, far=0.1)
+        block = af.Block(width=0.2, height=1.0, friction=0.8)
+        for given in ({"bases": {"right": 0.1}}, {"wave_speed": 100.0}):
+            with pytest.raises(af.errors.InputError, match="no right base"):
+                af.simulate(block, PULSE, **given)
 
     def test_runs_side_by_side_have_the_bits_of_one(self):
         factors = [0.3, 0.6, 0.9, 1.2, 1.5]
         together = af.simulate_many(
-            ARCH, PULSE, factors, far=0.1
+            ARCH, PULSE, factors, bases={"right": 0.1}
         ).peak_rotation.values.tolist()
-        alone = [af.simulate(ARCH, PULSE, f, far=0.1).peak_rotation for f in factors]
+        alone = [
+            af.simulate(ARCH, PULSE, f, bases={"right": 0.1}).peak_rotation
+            for f in factors
+        ]
         assert together == alone
 
     @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
@@ -226,10 +374,10 @@ class TestTwoMotions:
         late = np.append(
             np.zeros(1000), 0.02 * np.sin(np.linspace(0.0, 2.0 * np.pi, 100))
         )
-        far = af.Motion(late, 0.01)
+        own = {"right": af.Motion(late, 0.01)}
         stiff = af.Arch.circular(4.0, 0.88, 130.0, 5, 0.5)
         run = af.simulate(
-            stiff, af.Motion(np.zeros(1100), 0.01), method=method, far=far
+            stiff, af.Motion(np.zeros(1100), 0.01), method=method, bases=own
         )
         assert run.status.name == "STANDING"
         assert run.model_time["rest"] > 9.9
@@ -244,7 +392,8 @@ class TestTwoMotions:
         )
         motion = af.Motion(wave * 4.0 / np.abs(wave).max(), 1e-3)
         arch = af.Arch.elliptic(8.756, 3.36, 1.12, 13, friction=0.43664)
-        run = af.simulate(arch, motion, scale, method="event_driven", far=0.0172)
+        given = {"method": "event_driven", "bases": {"right": 0.0172}}
+        run = af.simulate(arch, motion, scale, **given)
         assert run.status.name == "STANDING"
         assert run.end_time < 4.0
 

@@ -64,7 +64,7 @@ def step_through(runs, lengths, kinds):
                 mean = 0.5 * (state.velocity[i, c] + work.solved[i, c])
                 done -= model.mass[i] * mean * (impulse.x if c == 0 else impulse.y)
         # The velocities of both instants at the contacts of the middle.
-        relative_velocity(work.position, work.solved, work.pivot, work.relative)
+        relative_velocity(model, work.position, work.solved, work.pivot, work.relative)
         for j in range(state.slip.size):
             for c in range(3):
                 mean = 0.5 * (work.earlier[j, c] + work.relative[j, c])

@@ -51,7 +51,7 @@ class TestLabelsKeepClear:
         run_figures.verdict_map(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
         curve_figures.curve(data, synthetic.in_g(synthetic.answer_of(4.0)))
-        run_figures.fractions(run_figures.groupings(data, 0.9), data, "the base")
+        run_figures.fractions(run_figures.groupings(data, 0.9, ARCH), data, "the base")
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[2])}
 
     @pytest.mark.parametrize("n_record", [6, 60])
@@ -249,7 +249,7 @@ def test_envelope_keeps_the_peaks(n):
 def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     data = results()
     fell = data.verdict == Verdict.COLLAPSED
-    groups = mode, joint = run_figures.groupings(data, 0.9)
+    groups = mode, joint = run_figures.groupings(data, 0.9, ARCH)
     for group in groups:
         np.testing.assert_array_equal(group.counts.sum(axis=0), fell.sum(axis=0))
     sliding = (fell & (data["collapse_mode"] == CollapseMode.SLIDING)).sum()

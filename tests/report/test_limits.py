@@ -46,14 +46,18 @@ KEYS = {
         "Vertical ground motion is modelled",
         "Vertical ground motion is not",
     ),
-    "delay": (0.4, "0.4 s after the left one", "the same ground motion"),
+    "bases": (
+        {"bases": {"right": 0.4}},
+        "left one: right 0.4 s later.",
+        "the same ground motion",
+    ),
     "friction": (0.6, "slide against Coulomb friction", "cannot slide"),
 }
 RIGID = {"stiffness": float("inf"), "damping": 0.05}
 OTHERWISE = {
     "joints": RIGID,
     "vertical": "not used",
-    "delay": None,
+    "bases": {},
     "friction": "inf",
     "dead_load": 0.0,
 }
@@ -66,9 +70,9 @@ def told(had):
         for key, value in KEYS.items()
     }
     vertical = given.pop("vertical")
-    delay = given.pop("delay")
+    method = given.pop("bases")
     return " ".join(
-        each.sentence for each in aspects({"ring": [given]}, vertical, delay)
+        each.sentence for each in aspects({"ring": [given]}, vertical, method)
     )
 
 
@@ -152,5 +156,5 @@ def test_a_report_denies_nothing_that_its_arch_has(bridge):
         "ties, vertical",
     ):
         assert words not in page
-    assert "Joint 0 is the base of the left pier" in page
+    assert "Joint 0 is the left springing of a span, the base of a pier" in page
     assert "fill as weight, piers, ties." in page

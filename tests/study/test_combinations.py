@@ -44,8 +44,9 @@ METHODS = {
     "auto": "{follow: 0.1}",
     "steps": "{name: time_stepping, dt: 0.002, follow: 0.1}",
     "events": "{name: event_driven, follow: 0.1}",
-    "delay": "{delay: 0.02, follow: 0.1}",
-    "no delay": "{delay: 0, follow: 0.1}",
+    "wave": "{wave_speed: -300, follow: 0.1}",
+    "delay": "{bases: {right: 0.02}, follow: 0.1}",
+    "no delay": "{bases: {right: 0}, follow: 0.1}",
 }
 REFUSED = {
     *((arch, "events") for arch in ("face", "soft")),
@@ -53,7 +54,7 @@ REFUSED = {
     *(
         (arch, method)
         for arch in ("block", "column")
-        for method in ("delay", "no delay")
+        for method in ("wave", "delay", "no delay")
     ),
 }
 
@@ -109,7 +110,11 @@ def test_what_is_refused_is_named(tmp_path):
             "face",
             "events",
         ): "method event_driven needs rigid joints; give them joints.model inset",
-        ("block", "no delay"): "far, method.delay in a study file, is given, but the",
+        ("block", "no delay"): "bases, method.bases in a study file, is given, but",
+        (
+            "column",
+            "wave",
+        ): "wave_speed, method.wave_speed in a study file, is given, but",
     }
     for (arch, method), text in texts.items():
         with pytest.raises(InputError, match=text):

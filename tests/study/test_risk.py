@@ -268,10 +268,13 @@ class TestGridOfRuns:
         assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
         assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
         vertical = moving.assign(record_vertical=0 * moving["record_vertical"] + 1)
-        delayed = moving.assign_attrs(archfrag_config='{"method": {"delay": 0.05}}')
+        delayed, waved = (
+            moving.assign_attrs(archfrag_config=f'{{"method": {method}}}')
+            for method in ('{"bases": {"right": 0.05}}', '{"wave_speed": 400.0}')
+        )
         other = moving.assign(intensity=moving["intensity"].assign_attrs(measure="PGV"))
         slides = moving.assign(static_limit=("arch", [np.nan]))
-        for each in (vertical, delayed, other, slides):
+        for each in (vertical, delayed, waved, other, slides):
             assert (
                 risk_of(each, {"ring": FIT}, HAZARD).arches["ring"].rate == whole.rate
             )

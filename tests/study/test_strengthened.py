@@ -124,7 +124,9 @@ def test_what_cannot_be_built_is_refused_with_the_key(tmp_path, keys, message):
         )
 
 
-def test_a_delay_between_the_springings_is_a_key_of_the_method(tmp_path):
+def test_motions_of_bases_are_keys_of_the_method(tmp_path):
     path = tmp_path / "study.yaml"
-    path.write_text(TEXT + "method: {delay: 0.05}\n")
-    assert load_study(path).method.delay == 0.05
+    path.write_text(TEXT + "method: {bases: {right: 0.05}}\n")
+    assert load_study(path).method.bases == {"right": 0.05}
+    path.write_text(TEXT + "method: {wave_speed: -400}\n")
+    assert load_study(path).method.wave_speed == -400.0

@@ -145,7 +145,7 @@ def gather_joints(case, corners):
         first = corners.slide[j, 0] if at_0 else corners.slide[j, 1]
         second = corners.slide[j, 1] if at_1 else first
         work.slide[j] = first if (at_0 or at_1) and first == second else 0.0
-    relative_velocity(work.position, work.solved, work.pivot, work.relative)
+    relative_velocity(case.model, work.position, work.solved, work.pivot, work.relative)
 
 
 @kernel

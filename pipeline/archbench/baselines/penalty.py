@@ -211,7 +211,7 @@ def end_steps(case, springs):
             work.position[i, c] = state.position[i, c]
             work.solved[i, c] = state.velocity[i, c]
     press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
-    if not balance_energy(case, springs, Impulse(*(8 * (0.0,)))):
+    if not balance_energy(case, springs, Impulse(0.0, 0.0)):
         clock[Clock.CODE] = Wait.BROKEN
         return
     gather_reactions(case, springs, 1.0)

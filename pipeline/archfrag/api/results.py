@@ -30,6 +30,7 @@ from archfrag.study.answer.fits import in_unit
 from archfrag.study.answer.rates import (
     answer_lines,
     losses_of,
+    parts_of,
     risk_facts,
     risk_of,
     vulnerability_table,
@@ -196,6 +197,23 @@ class Results:
         runs = {name: self._fitted.runs[name] for name in self._fitted.arches}
         columns = {k: count_verdicts(own.filled)["fraction"] for k, own in runs.items()}
         return pd.DataFrame(columns, index)
+
+    @property
+    def parts(self) -> pd.DataFrame:
+        """Fraction of the records that make each bridge collapse in each part, by level.
+
+        Columns are arch and part: the span or pier in which a joint lost contact for good. Those of
+        an arch add up to its column of `fractions`. Arches of one part have no column.
+        """
+        fractions = self.fractions
+        found = dict[tuple[str, str], Any]()
+        for name, whole in fractions.items():
+            split = parts_of(self._fitted.runs[str(name)])
+            if split is not None:
+                of_all = np.maximum(split.counts.sum(axis=0), 1)
+                for part, count in zip(split.categories, split.counts):
+                    found[str(name), part] = whole * count / of_all
+        return pd.DataFrame(found, fractions.index)
 
     @property
     def capacities(self) -> pd.DataFrame:

@@ -1,8 +1,8 @@
 """Piers, as further bodies of a chain, and the weight of fill and backing on a ring."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,27 +15,10 @@ from archfrag.arch.geometry import (
     outline_section,
     polygon_section,
 )
-from archfrag.arch.ring import Ring
+from archfrag.arch.ring import Part, Ring
 from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
-
-
-class Part(NamedTuple):
-    """Joints and bodies of a span or a pier.
-
-    Those of a pier count from its base upwards, those of a span from its left springing.
-    """
-
-    name: str  # "span 1", "pier 1", "left pier", "right pier"; of one ring alone "arch"
-    joints: range
-    bodies: range  # of an inner pier without its top course
-    top: int | None = None  # the top course of an inner pier
-
-    @property
-    def every(self) -> list[int]:
-        """All bodies, the top course included."""
-        return [*self.bodies, *([] if self.top is None else [self.top])]
 
 
 def check_upright(ring: Ring, free_end: bool) -> None:
@@ -43,7 +26,8 @@ def check_upright(ring: Ring, free_end: bool) -> None:
 
     It must be an arch between two springings, with joints from the left and the intrados below.
     """
-    if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
+    back = ring.body is None and ring.intrados[0, 0] >= ring.intrados[-1, 0]
+    if free_end or ring.sense < 0 or back:
         raise GeometryError(
             "piers and fill need an arch between two springings, its joints listed "
             "from the left one and its intrados below"
@@ -113,14 +97,14 @@ def over_parts(
     found = {}
     for i, (part, own) in enumerate(zip(parts, values)):
         if isinstance(own, Mapping):
-            beside = {float(ring[-1]) for ring in values[:i][-1:]}
-            beside |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
-            if own[key] is None and len(beside) > 1:
+            near = {float(ring[-1]) for ring in values[:i][-1:]}
+            near |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
+            if own[key] is None and len(near) > 1:
                 raise GeometryError(
                     f"{part.name} needs its own {key}: the rings beside it have "
-                    f"{' and '.join(f'{each:g}' for each in sorted(beside))}"
+                    f"{' and '.join(f'{each:g}' for each in sorted(near))}"
                 )
-            own = beside.pop() if own[key] is None else own[key]
+            own = near.pop() if own[key] is None else own[key]
         places = part.joints if key == "friction" else part.every
         found |= zip(places, np.broadcast_to(own, len(places)).tolist())
     return np.array([found[place] for place in range(len(found))])
@@ -128,31 +112,43 @@ def over_parts(
 
 def joined(
     rings: Sequence[Ring], piers: Sequence[Named], ends: Sequence[Named]
-) -> tuple[Ring, tuple[Part, ...]]:
-    """Return the rings with their piers as one ring, and its parts from left to right.
+) -> Ring:
+    """Return the rings with their piers as one ring with its parts.
 
-    Joints and bodies have the order of `Chain.body`. Each ring moves so that it springs flush with
-    the face of the pier before it, as high as the ring on the other side. `GeometryError` if a
-    pier does not fit.
+    Each ring moves so that it springs flush with the face of the pier before it, as high as the
+    ring on the other side. `GeometryError` if a pier does not fit.
     """
+    if len(rings) == 1 and not any(ends):
+        (ring,) = rings
+        return ring if ring.parts else assembled([("arch", ring)])
+    if any(ring.body is not None for ring in rings):
+        raise GeometryError("the blocks are a bridge already; draw its piers too")
     moved = [*rings[:1]]
     for ring, pier in zip(rings[1:], piers):
         face = moved[-1].intrados[-1] + [pier["width"], 0.0]
         moved.append(_moved(ring, face - ring.intrados[0]))
     legs = [_pier([b, a], pier) for pier, a, b in zip(piers, moved, moved[1:])]
-    alone = len(rings) == 1 and not any(ends)
-    pieces = [(f"pier {k}", _cut(leg, slice(-1))) for k, leg in enumerate(legs, 1)]
+    pieces = [(f"pier {k}", cut(leg, slice(-1))) for k, leg in enumerate(legs, 1)]
     if ends[0]:
         pieces.append(("left pier", _pier(moved[:1], ends[0])))
     for k, ring in enumerate(moved, 1):
-        pieces.append(("arch" if alone else f"span {k}", ring))
+        pieces.append((f"span {k}", ring))
         for leg in legs[k - 1 : k]:
-            pieces.append((f"pier {k}", _cut(leg, slice(-1, None), slice(0))))
+            pieces.append((f"pier {k}", cut(leg, slice(-1, None), slice(0))))
     if ends[1]:
         down = slice(None, None, -1)
-        pieces.append(("right pier", _cut(_pier(moved[-1:], ends[1], 1.0), down, down)))
+        pieces.append(("right pier", cut(_pier(moved[-1:], ends[1], 1.0), down, down)))
+    return assembled(pieces)
+
+
+def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
+    """Return the ring of pieces by their names, in the order of `Chain.body`.
+
+    An inner pier has two pieces: all but its top course, before the spine, and this in the spine.
+    """
     parts: dict[str, Part] = {}
-    joint = body = 0
+    joint = body = below = 0
+    fields: Any = [[], [], [], [], [], []]
     for name, ring in pieces:
         joints = range(joint, joint := joint + len(ring.intrados))
         bodies = range(body, body := body + len(ring.sections))
@@ -161,21 +157,26 @@ def joined(
             part = parts.pop(name)._replace(top=bodies[0])
         elif name == "right pier":
             part = Part(name, joints[::-1], bodies[::-1])
+        elif name.startswith("pier"):
+            below = body
         parts[name] = part
+        for whole, own in zip(fields, ring):
+            whole.extend(own)
     if body > MOST_VOUSSOIRS:
         raise GeometryError(
             f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
         )
-    fields: Any = [*zip(*(ring[:6] for _, ring in pieces))]
-    whole = [*map(np.concatenate, fields[:2]), *(sum(each, []) for each in fields[2:])]
-    paths = [[body + k - 1, *parts[f"pier {k}"].every] for k in range(1, len(rings))]
-    spine = range(sum(len(path) - 2 for path in paths), body)
-    paths.append([-1, *spine, body + len(legs)])
+    lines = [np.array(each) for each in fields[:2]]
+    legs = [part.every for name, part in parts.items() if name.startswith("pier")]
+    paths = [[body + k, *leg] for k, leg in enumerate(legs)]
+    paths.append([-1, *range(below, body), body + len(legs)])
     pairs = np.array([pair for path in paths for pair in pairwise(path)])
-    return Ring(*whole, rings[0].sense, pairs if legs else None), (*parts.values(),)
+    return Ring(
+        *lines, *fields[2:], ring.sense, pairs if legs else None, (*parts.values(),)
+    )
 
 
-def _cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
+def cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
     """Return some bodies and some joints of a ring."""
     rows = [field[bodies] for field in ring[2:6]]
     return Ring(ring.intrados[joints], ring.extrados[joints], *rows, ring.sense)
@@ -189,7 +190,7 @@ def _moved(ring: Ring, shift: FloatArray) -> Ring:
         [(area, centroid + shift, polar) for area, centroid, polar in ring.sections],
         [outline + shift for outline in ring.outlines],
         [back + shift for back in ring.backs],
-        [surface + [*shift, 0.0] for surface in ring.surfaces],
+        [surface + np.append(shift, 0.0) for surface in ring.surfaces],
         ring.sense,
     )
 
@@ -328,12 +329,11 @@ def fill_weighs(fill: Mapping[str, Any]) -> bool:
 
 
 def weight_of_fill(
-    ring: Ring, spans: Sequence[Part], fill: dict[str, float], depth: FloatArray
+    ring: Ring, fill: dict[str, float], depth: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the weight of fill and backing on each body, and where it acts.
 
-    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]. `spans` are parts of the ring; `depth` is that of
-    each body [m]. The column above each body reaches from the upward
+    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]; `depth` is that of each body [m]. The column above each body reaches from the upward
     sides of its extrados to the level of the fill. With the areas A and first moments S of the
     columns up to the levels of the fill and of the backing,
 
@@ -343,6 +343,7 @@ def weight_of_fill(
     on each other, so that no voussoir carries the overturning moment of the column above it.
     `GeometryError` if the backing reaches above the fill.
     """
+    spans = [part for part in ring.parts if "pier" not in part.name]
     backs = [ring.surfaces[body] for span in spans for body in span.bodies]
     crown = max(
         point[1] for line in backs for side in cut_sides(line) for point in side

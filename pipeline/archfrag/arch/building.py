@@ -55,10 +55,10 @@ def fields_of(given: Given) -> Named:
             bridge.check_upright(each.ring, each.free_end)
     piers = bridge.listed("piers", given.piers, len(given.spans))
     ends = bridge.listed("ends", given.ends, 2)
-    ring, parts = bridge.joined([each.ring for each in spans], piers, ends)
-    joints = len(ring.intrados) - given.free_end
+    ring = bridge.joined([each.ring for each in spans], piers, ends)
+    parts = ring.parts
     if given.free_end:
-        parts = (parts[0]._replace(joints=range(joints)),)
+        parts = (parts[0]._replace(joints=range(len(ring.intrados) - 1)),)
     legs = [each for each in (ends[0], *piers, ends[1]) if each]
     friction = _over("friction", parts, spans, legs)
     depth = _over("depth", parts, spans, legs)
@@ -66,8 +66,7 @@ def fields_of(given: Given) -> Named:
     more: Named = {}
     if given.fill is not None:
         more["fill"] = bridge.checked_fill(**given.fill)
-        on = [part for part in parts if "pier" not in part.name]
-        loads.append(bridge.weight_of_fill(ring, on, more["fill"], depth))
+        loads.append(bridge.weight_of_fill(ring, more["fill"], depth))
     for name, each in (("piers", piers), ("ends", ends)):
         if any(each):
             same = all(pier == each[0] for pier in each)
@@ -90,7 +89,7 @@ def fields_of(given: Given) -> Named:
 
 def _over(
     key: str,
-    parts: Sequence[bridge.Part],
+    parts: Sequence[rings.Part],
     spans: Sequence[Given],
     legs: Sequence[Named],
 ) -> FloatArray:
@@ -99,14 +98,14 @@ def _over(
     `legs` are the keys of the piers, from left to right.
     """
     noun = "joint" if key == "friction" else "voussoir"
-    value = getattr(spans[0], key)
     joints = sum(len(part.joints) for part in parts)
-    if legs and noun == "joint" and np.shape(value) == (joints,):
-        if any(leg["friction"] is not None for leg in legs):
-            raise GeometryError(
-                "a pier has friction, and so has each joint; leave one out"
-            )
-        return checks.shared_or_each(key, value, joints, noun)
+    whole = legs and noun == "joint" and np.shape(spans[0].friction) == (joints,)
+    if whole and any(leg["friction"] is not None for leg in legs):
+        raise GeometryError("a pier has friction, and so has each joint; leave one out")
+    if whole or not legs:  # a drawing may have parts without keys of their own
+        value = getattr(spans[0], key)
+        size = joints if noun == "joint" else sum(len(part.every) for part in parts)
+        return checks.shared_or_each(key, 0.0 if value is None else value, size, noun)
     left = iter(spans), iter(legs)
     values: list[Any] = []
     for part in parts:

@@ -29,8 +29,8 @@ def facts_of(arch: Shape) -> Named:
     """Return what can be checked by hand: dimensions, places [m], weights and forces [N].
 
     Keys are span, rise and thickness, of the widest ring; springings, the ends of their joints at
-    intrados and extrados (only one with a free end); weights of ring, piers, fill (with backing) and dead_load;
-    and ties, with ends, prestress and strength of each.
+    intrados and extrados (only one with a free end); weights of ring, piers, fill (with backing)
+    and dead_load; and ties, with ends, prestress and strength of each.
     """
     span, rise, thickness = arch.dimensions
     # Where they have moved to, if they have.

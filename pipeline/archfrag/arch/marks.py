@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.arch.bridge import Part, fill_weighs
+from archfrag.arch.bridge import fill_weighs
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import rotated
+from archfrag.arch.ring import Part
 from archfrag.arch.shape import Shape
 
 GROUND = -1
@@ -70,6 +71,13 @@ def mechanism_marks(
     faces = np.stack([arch.intrados, arch.extrados], axis=1)
     marks = [Mark("sliding", faces[joint]) for joint in sliding]
     return marks + [Mark("hinge", point[None]) for point in hinge_points(arch, hinges)]
+
+
+def joint_numbers(arch: Shape, most: int) -> Iterator[tuple[int, str]]:
+    """Yield joints to be numbered in a drawing, about `most`, with their numbers in their parts."""
+    step = -(-arch.n_joint // most)
+    for part in arch.parts:
+        yield from ((part.joints[i], str(i)) for i in range(0, len(part.joints), step))
 
 
 def hinge_points(

@@ -370,7 +370,8 @@ class Arch(Shape):
     ) -> Arch:
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
-        Outlines must neither cross themselves nor overlap.
+        Outlines must neither cross themselves nor overlap. Blocks of a bridge of several spans
+        form a tree: a block with three joints is the top course of an inner pier.
 
         Parameters
         ----------
@@ -379,7 +380,7 @@ class Arch(Shape):
             side to the next corner, the tangent of a quarter of its arc's angle (positive
             anticlockwise, 0 straight). Area, centroid and inertia of arcs are exact.
         ground : sequence of (2, 2) array_like
-            One or two lines on which end blocks stand. With one line the other end is free.
+            Lines on which end blocks and inner piers stand. With one line the other end is free.
             Without any the chain stands on the sides opposite to the joints of its ends.
         friction, **material
             See `Arch`. Joints and voussoirs count from the end further left, or from the ground.
@@ -471,7 +472,7 @@ class Arch(Shape):
         rupture : float
             Elongation at which it breaks [m].
         ends : two of (int, float, float), optional
-            Voussoir, x and y [m] of each end, instead of `level`; the left base is voussoir -1, the
+            Voussoir, x and y [m] of each end, instead of `level`; the left base is voussoir -1,
             other bases come after the last voussoir.
         span : int, optional
             Span of a tie at a `level`, from 1; if not given, each span gets one.
@@ -487,7 +488,7 @@ class Arch(Shape):
         spans = range(1, len(self.spans) + 1)
         if span not in (None, *spans) or (span and ends):
             raise GeometryError(
-                f"span = {span} is impossible for a tie; it must be 1 to {len(spans)}, without ends"
+                f"span = {span} is impossible for a tie; it must be 1 to {len(spans)}"
             )
         given: Named = {
             "level": level,

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from archfrag.arch import checks
+from archfrag.arch.bridge import assembled, cut
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     cross,
@@ -23,6 +24,7 @@ from archfrag.arch.geometry import (
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.files import Named
+from archfrag.physics.interface import pairs_of
 from archfrag.properties import MOST_VOUSSOIRS
 
 TOLERANCE = (
@@ -119,8 +121,10 @@ def _stretched(
     tolerance = 2.0 * TOLERANCE * np.hypot(*np.ptp(lines, axis=(0, 1)))
     moves = (factor - 1.0) * (lines - 0.5 * (ring.intrados + ring.extrados)[:, None])
     result = []
+    pairs = pairs_of(len(lines), ring.body)
     for i, outline in enumerate(outlines):
-        ends = np.concatenate(lines[i : i + 2])
+        around = (pairs == i).any(axis=1)
+        ends = np.concatenate(lines[around])
         moved = outline.copy()
         apart = np.hypot(
             *(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)
@@ -132,7 +136,7 @@ def _stretched(
                 "voussoirs"
             )
         along, places, total = _places_along(outline, ends)
-        for axis, move in enumerate(np.concatenate(moves[i : i + 2]).T):
+        for axis, move in enumerate(np.concatenate(moves[around]).T):
             moved[:, axis] += np.interp(along, places, move, period=total)
         result.append(moved)
     return result
@@ -142,10 +146,10 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     """Return the ring of blocks that are given in any order, and the blocks in its order.
 
     Joints are the edges that two blocks have in common. The ring runs from the end that stands
-    further left, or up from the ground if one end is free; the blocks then stand on one line.
-    Outlines are anticlockwise. `tolerance` [m] is `TOLERANCE` of the size if not given.
-    `GeometryError` names the block that is no simple polygon, overlaps, or does not fit into one
-    chain.
+    further left, or up from the ground if one end is free; the blocks then stand on one line. A
+    block with three joints, or between two joints on the ground, is the top course of an inner
+    pier. Outlines are anticlockwise. `tolerance` [m] is `TOLERANCE` of the size if not given.
+    `GeometryError` names the block that is no simple polygon, overlaps, or does not fit.
     """
     if not 0 < len(drawn.outlines) <= MOST_VOUSSOIRS:
         raise GeometryError(
@@ -165,39 +169,79 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     given = replace(drawn, outlines=outlines, tolerance=tolerance, standing={})
     _check_simple(given)
     _find_joints(given)
-    order = _walk(given)
-    free = len(given.standing) == 1
-    segments = [given.standing[order[0]]]
-    segments += [given.joints[after][before] for before, after in pairwise(order)]
-    # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
-    ends = [segment[::-1] for segment in segments]
-    last = order[-1]
+    *legs, spine = _walk(given)
+    free = spine[-1] is not None
+    joints = _joints(given, spine)
     if (
         free
     ):  # the edge that is farthest from the line of the last joint, intrados first
-        first = outlines[last][:, :2]
-        joint = ends[-1]
+        first = outlines[spine[-1]][:, :2]
         edges = np.stack([first, following(first)], axis=1)
-        away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
-        ends.append(edges[int(np.argmax(away))])
-    else:
-        ends.append(given.standing[last])
-    for block, joints in zip(order[: len(order) - free], pairwise(ends)):
-        for start, end in zip(*joints):
-            if np.hypot(*(end - start)) <= tolerance:
-                given.refuse(block, f"has two joints that meet at {place_text(start)}")
-    intrados, extrados = np.stack(ends, axis=1)
+        line = joints[-1]
+        away = np.abs(cross(edges.mean(axis=1) - line[0], line[1] - line[0]))
+        joints.append(edges[int(np.argmax(away))])
+    blocks: list[int] = [block for block in spine if block is not None]  # type: ignore[misc]
+    tops = [leg[-1] for leg in legs]
+    whole = _row(given, blocks, joints, tops)
+    pieces = []
+    for number, leg in enumerate(legs, 1):
+        row = _row(given, leg[1:-1], _joints(given, leg), ())
+        backs = [centroid for _, centroid, _ in row.sections]
+        bare = [np.empty((0, 3))] * len(backs)
+        pieces.append((f"pier {number}", row._replace(backs=backs, surfaces=bare)))
+    start = 0
+    for number, end in enumerate([*map(blocks.index, tops), len(blocks)], 1):
+        span = cut(whole, slice(start, end), slice(start, end + 1))
+        pieces.append((f"span {number}" if legs else "arch", span))
+        if end < len(blocks):
+            pieces.append((f"pier {number}", cut(whole, slice(end, end + 1), slice(0))))
+        start = end + 1
+    order = [block for leg in legs for block in leg[1:-1]] + blocks
+    bases = [joints[0], *(_joints(given, leg[:2])[0] for leg in legs), joints[-1]]
     placed = [outlines[block] for block in order]
+    return assembled(pieces), replace(
+        given, outlines=placed, ground=bases[: -1 if free else None]
+    )
+
+
+def _joints(given: Blocks, path: Sequence[Any]) -> list[_Segment]:
+    """Return the joints between blocks that follow each other, at intrados and extrados.
+
+    None is the ground, at the ends of a path.
+    """
+    # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
+    return [
+        given.standing[before]
+        if after is None
+        else (given.standing[after] if before is None else given.joints[after][before])[
+            ::-1
+        ]
+        for before, after in pairwise(path)
+    ]
+
+
+def _row(
+    given: Blocks, blocks: Sequence[int], joints: list[_Segment], tops: Iterable[int]
+) -> Ring:
+    """Return blocks between joints as a ring; `GeometryError` if two joints of a block meet.
+
+    Those of `tops` of piers may.
+    """
+    for block, sides in zip(blocks, pairwise(joints)):
+        for start, end in zip(*sides) if block not in tops else ():
+            if length_of(np.array([start, end])) <= given.tolerance:
+                given.refuse(block, f"has two joints that meet at {place_text(start)}")
+    intrados, extrados = np.stack(joints, axis=1)
+    placed = [given.outlines[block] for block in blocks]
     surfaces = [
-        _back(placed[i], *ends, tolerance) for i, ends in enumerate(pairwise(extrados))
+        _back(outline, *ends, given.tolerance)
+        for outline, ends in zip(placed, pairwise(extrados))
     ]
     backs = [middle_of(sampled(line)) for line in surfaces]
     sections = [outline_section(outline) for outline in placed]
-    ring = Ring(
-        intrados, extrados, sections, list(map(sampled, placed)), backs, surfaces, 1
+    return Ring(
+        intrados, extrados, sections, [*map(sampled, placed)], backs, surfaces, 1
     )
-    ground = ends[:1] if free else [ends[0], ends[-1]]
-    return ring, replace(given, outlines=placed, ground=ground)
 
 
 def _back(
@@ -207,6 +251,8 @@ def _back(
 
     `first` and `second` are the extrados ends of its two joints.
     """
+    if length_of(np.array([first, second])) <= tolerance:  # two rings meet on a pier
+        return np.array([[*first, 0.0], [*second, 0.0]])
     # Anticlockwise the back runs from the second joint to the first.
     along, (start, end), total = _places_along(outline, [second, first])
     # a joint may end at a corner, whose arc then belongs to the back
@@ -349,31 +395,24 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     return ends if off.max() <= 2.0 * tolerance else None
 
 
-def _walk(given: Blocks) -> list[int]:
-    """Return the blocks in order, from one end of the chain to the other.
+def _walk(given: Blocks) -> list[list[int | None]]:
+    """Return the blocks in order: each inner pier up to its top course, and last the spine.
 
-    If no ground is given, sets the edges on which the ends stand. `GeometryError` if the blocks do
-    not form one chain.
+    The spine runs from the left base over all top courses to the right base, or to a free end.
+    None at an end of a path is the ground. If no ground is given, sets the edges on which the ends
+    stand. `GeometryError` if the blocks form neither a chain nor such a tree.
     """
     names = given.names
     for block, joints in enumerate(given.joints):
-        if len(joints) > 2:
+        if len(joints) > 3:
+            listed = ", ".join(names[other] for other in joints)
             given.refuse(
-                block,
-                f"has {len(joints)} joints, with {', '.join(names[other] for other in joints)}; "
-                "it may have two",
+                block, f"has {len(joints)} joints, with {listed}; it may have three"
             )
     ends = [block for block, joints in enumerate(given.joints) if len(joints) < 2]
     if not ends:
         given.refuse(0, "and all others form a closed ring; a chain must have two ends")
-    for block in given.standing:
-        if block not in ends:
-            given.refuse(
-                block, "stands on the ground between two joints; only ends may"
-            )
-    order = [ends[0]]
-    while ahead := [other for other in given.joints[order[-1]] if other not in order]:
-        order.append(ahead[0])
+    order = list(_parents(given, ends[0]))
     apart = set(range(len(names))) - set(order)
     if apart:
         shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
@@ -388,10 +427,61 @@ def _walk(given: Blocks) -> list[int]:
     if not given.standing:
         if len(order) == 1:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
-        for end, near in ((order[0], order[1]), (order[-1], order[-2])):
-            given.standing[end] = _opposite(given, end, given.joints[end][near])
-    left = min(given.standing, key=lambda block: (*given.standing[block].mean(axis=0),))
-    return order if order[0] == left else order[::-1]
+        for end in ends:
+            (joint,) = given.joints[end].values()
+            given.standing[end] = _opposite(given, end, joint)
+    stands = [end for end in ends if end in given.standing]
+    stands.sort(key=lambda end: (*given.standing[end].mean(axis=0),))
+    hanging = [end for end in ends if end not in stands]
+    free = len(ends) == 1 or len(stands) == len(hanging) == 1
+    parents = _parents(given, (stands or ends)[0])
+    spine = [hanging[0] if free and hanging else (stands or ends)[-1]]
+    while parents[spine[-1]] is not None:
+        spine.append(parents[spine[-1]])
+    spine.reverse()
+    legs = []
+    if free or not hanging:
+        legs = [leg for block in spine if (leg := _leg(given, block, spine))]
+    if hanging and (legs or not free):
+        given.refuse(hanging[0], "hangs at one joint; a line must show where it stands")
+    return [*legs, [None, *spine, *([] if free else [None])]]
+
+
+def _parents(given: Blocks, root: int) -> dict[int, int | None]:
+    """Return the blocks that hang together with `root`, each with the one before it.
+
+    `GeometryError` if they close a ring.
+    """
+    parents: dict[int, int | None] = {root: None}
+    order = [root]
+    for block in order:
+        for other in given.joints[block].keys() - {parents[block]}:
+            if other in parents:
+                text = (
+                    f"and {given.names[other]} close a ring of joints; leave fill out"
+                )
+                given.refuse(block, text)
+            parents[other] = block
+            order.append(other)
+    return parents
+
+
+def _leg(given: Blocks, top: int, spine: Sequence[int]) -> list[int | None]:
+    """Return the path from the ground to a block of the spine; empty if it is no top course."""
+    leg = [top]
+    while ahead := given.joints[leg[-1]].keys() - {*spine, *leg}:
+        if len(ahead) > 1:
+            given.refuse(
+                leg[-1], "has three joints, and is no top course: a pier may not branch"
+            )
+        leg += ahead
+    for block in leg[:-1]:
+        if block in given.standing:
+            given.refuse(
+                block, "stands on the ground between joints; only ends of piers may"
+            )
+    inside = top not in (spine[0], spine[-1])
+    return [None, *leg[::-1]] if leg[1:] or (inside and top in given.standing) else []
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:

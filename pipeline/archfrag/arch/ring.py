@@ -21,13 +21,30 @@ from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import Section, arc, cross
 from archfrag.errors import GeometryError
-from archfrag.physics.interface import Chain
+from archfrag.physics.interface import Chain, pairs_of
 
 # Points of a centre line (n_joint, 2) [m], and its unit normals there, away from the intrados.
 CentreLine = tuple[FloatArray, FloatArray]
 # Corners closer than this part of the ring's size, or sides that differ by a smaller
 # angle [rad], are taken for a slip of the user's.
 _TOLERANCE = 1e-9
+
+
+class Part(NamedTuple):
+    """Joints and bodies of a span or a pier.
+
+    Those of a pier count from its base upwards, those of a span from its left springing.
+    """
+
+    name: str  # "span 1", "pier 1", "left pier", "right pier"; of one ring alone "arch"
+    joints: range
+    bodies: range  # of an inner pier without its top course
+    top: int | None = None  # the top course of an inner pier
+
+    @property
+    def every(self) -> list[int]:
+        """All bodies, the top course included."""
+        return [*self.bodies, *([] if self.top is None else [self.top])]
 
 
 class Ring(NamedTuple):
@@ -47,6 +64,7 @@ class Ring(NamedTuple):
     ]  # (m, 3) each: the back from joint to joint with bulges, for fill
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     body: NDArray | None = None  # as `Chain.body`
+    parts: tuple[Part, ...] = ()  # from left to right; none of a ring by itself
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
@@ -304,8 +322,3 @@ def chain_of(
     centroid = np.ascontiguousarray(centroid)
     given = mass, inertia, centroid, before, after, friction, STANDARD_GRAVITY
     return Chain(*given, body=ring.body)
-
-
-def pairs_of(joints: int, body: NDArray | None) -> NDArray[np.int64]:
-    """Return the bodies before and after each joint ``(joints, 2)`` by a `Chain.body`."""
-    return np.arange(joints)[:, None] - [1, 0] if body is None else body

@@ -10,12 +10,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch.bridge import Part
 from archfrag.arch.building import Given
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.ring import Ring, pairs_of
+from archfrag.arch.ring import Part, Ring
 from archfrag.files import Named
-from archfrag.physics.interface import Chain
+from archfrag.physics.interface import Chain, pairs_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,6 +87,11 @@ class Shape:
         inner = [f"pier {number}" for number in range(1, len(order) - 1)]
         names = ["left", *inner, "right"][: len(order)]
         return {name: (joint, side) for name, (joint, side) in zip(names, order)}
+
+    @property
+    def places(self) -> list[str]:
+        """Names of all joints by number, as of `place`; empty if the arch is one ring alone."""
+        return [*map(self.place, range(self.n_joint))] if self.parts[1:] else []
 
     def place(self, joint: int) -> str:
         """Return the name of a joint, such as "span 2, joint 5", "pier 1, base" or "joint 5"."""

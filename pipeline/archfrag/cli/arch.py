@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -45,7 +44,13 @@ _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _SPREADS = 10  # parts of a spread in a table
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_TYPES = {"voussoirs": int, "drawing": str, "drawing_unit": str}  # others: float
+_TYPES = {
+    "voussoirs": int,
+    "spans": int,
+    "pier_courses": int,
+    "drawing": str,
+    "drawing_unit": str,
+}  # others: float
 _OPTIONS = {
     "voussoirs": "Number of voussoirs.",
     "friction": "Coulomb coefficient; inf is allowed.",
@@ -56,6 +61,10 @@ _OPTIONS = {
     "thickness": "Thickness of the ring [m].",
     "width": "Width of a block [m].",
     "height": "Height of a block [m].",
+    "spans": "Number of equal spans of a bridge.",
+    "pier_height": "Height of the piers between spans, from base to springing [m].",
+    "pier_width": "Width of these piers [m].",
+    "pier_courses": "Bodies of each of these piers; 1 if not given.",
     "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
     "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
 }
@@ -138,7 +147,10 @@ def _by_numbers(options: Named) -> ArchEntry:
     layers = [name for text in options["layer"] for name in text.split(",")]
     given = options | {"id": "arch", "layer": layers or None}
     given["unit"] = given.pop("drawing_unit")
+    pier = {key: given.pop(f"pier_{key}") for key in ("height", "width", "courses")}
+    pier = {key: value for key, value in pier.items() if value is not None}
     given = {key: value for key, value in given.items() if value is not None}
+    given |= {"piers": pier} if pier else {}
     if "drawing" in given:
         refuse_given("--drawing gives the shape", "profile")
         del given["profile"]
@@ -148,6 +160,7 @@ def _by_numbers(options: Named) -> ArchEntry:
 
         def option(at) -> str:
             name = "drawing_unit" if at[0] == "unit" else str(at[0])
+            name = f"pier_{at[-1] if at[1:] else 'height'}" if name == "piers" else name
             return "--" + name.replace("_", "-")
 
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
@@ -185,10 +198,8 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     )
     lines = []
     for towards in ("+x", "-x"):
-        value, hinges, sliding = start.mechanism(towards)
-        parts = [f"joint {joint} {side}" for joint, side in hinges]
-        parts += [f"joint {joint} slides" for joint in sliding]
-        how = f": {', '.join(parts)}" if parts else ""
+        value, *found = start.mechanism(towards)
+        how = f": {start.places(towards)}" if any(found) else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {towards}: {moves}{how}")
     loss = standing.edge_loss(arch)
@@ -199,6 +210,7 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
         text = standing.prestress_text(arch) or "does not stand under its own weight"
     text += f"\n{facts_text(arch)}"
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
+    facts |= {"places": arch.places} if arch.places else {}
     facts |= {"loss_10_mm": loss, "cautions": cautions}
     if start.stands and spread is not None:
         path = springing_path(arch, spread=spread)
@@ -263,7 +275,14 @@ def simulate(
         del facts[name]
     facts |= {"status": response.status.name.lower(), "scale": scale}
     if response.mechanism is not None:
-        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+        facts["mechanism"] = [
+            {key: own for key, own in vars(change).items() if key != "places"}
+            for change in response.mechanism
+        ]
+    if arch.places:
+        named = "collapse_place", "lost_contact_place"
+        facts |= {name: getattr(response, name) or None for name in named}
+        facts["places"] = arch.places
     facts = finite(facts, None)
     show(facts, _text(response, facts), as_json)
 
@@ -279,7 +298,7 @@ def _text(response: Response, facts: Named) -> str:
             value = ", ".join(parts).replace("_", " ") or None
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
-        told = key in ("status", "collapsed", "mechanism")
+        told = key in ("status", "collapsed", "mechanism", "places")
         if not told and value not in (None, -1, "none"):
             lines.append(f"{key.replace('_', ' ')}: {value}".rstrip())
     if response.mechanism is not None:

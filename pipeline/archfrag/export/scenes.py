@@ -4,7 +4,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise, repeat
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from archfrag.errors import InputError
 from archfrag.export.writers import Content, made_by, write_files
 from archfrag.files import Named
 from archfrag.physics.status import Tie
+from archfrag.simulation.springings import own_motions
 from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import finite
@@ -91,8 +92,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
             "schema": about["schema"]["const"],
             "units": about["units"]["const"],
             "made": made_by(study),
-            "arches": [_arch(each) for each in chosen],
-            "delay": study.method.delay or 0.0,
+            "arches": [_arch(each, study.method) for each in chosen],
             "intensity": {
                 "measure": study.intensity.measure,
                 "unit": study.intensity.unit,
@@ -104,20 +104,23 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
     )
 
 
-def _arch(member: Member) -> Named:
-    """Return the bodies of an arch at rest, the ground last, and its joints and ties."""
+def _arch(member: Member, method) -> Named:
+    """Return the bodies of an arch at rest, the ground last, its joints and ties, and delays."""
     arch: Arch = member.entry.build()
     chain = arch.chain
     n = arch.n_voussoir
     k = arch.n_joint
-    first, last = arch.springings
+    rings = [body for span in arch.spans for body in span.bodies]
+    row = np.append(
+        range(n), [*range(n + 1, n + len(arch.bases)), n]
+    )  # with the ground last
     lines = arch.tie_lines
     outlines = [
         (each if shapely.is_ccw(shapely.linearrings(each)) else each[::-1]).tolist()
         for each in (*arch.outlines, *(block for _, block in _ground(arch)))
     ]
     bodies = {
-        "kind": np.repeat(["pier", "voussoir", "pier"], np.diff([0, first, last, n])),
+        "kind": np.where(np.isin(range(n), rings), "voussoir", "pier"),
         "outline": outlines[:n],
         "centroid": arch.centroids.tolist(),
         "depth": arch.depths,
@@ -128,7 +131,7 @@ def _arch(member: Member) -> Named:
     }
     ground = [{"kind": "ground", "outline": each} for each in outlines[n:]]
     joints = {
-        "bodies": list(pairwise([n, *range(n), n + 1]))[:k],
+        "bodies": row[arch.pairs].tolist(),
         "friction": chain.friction,
         "ends": np.stack([arch.intrados, arch.extrados], axis=1)[:k].tolist(),
     }
@@ -141,7 +144,7 @@ def _arch(member: Member) -> Named:
         }
     rows = np.zeros((0, len(Tie))) if chain.tie is None else chain.tie
     ties = {
-        "bodies": np.append(range(n), [n + 1, n])[arch.tie_bodies].tolist(),
+        "bodies": row[arch.tie_bodies].tolist(),
         "ends": lines.tolist(),
     }
     ties |= {each.name.lower(): rows[:, each] for each in list(Tie)[Tie.STIFFNESS :]}
@@ -149,6 +152,8 @@ def _arch(member: Member) -> Named:
     ties["prestress"] = ties["stiffness"] * (length - ties["length"])
     about = {"id": member.id, "class": member.arch_class, "gravity": chain.gravity}
     about |= {key: gives[key] for key in ("model", "damping", "points") if key in gives}
+    delays = own_motions(arch, method.wave_speed, method.bases)
+    about["delays"] = list(delays.values())
     parts = [pd.DataFrame(each).to_dict("records") for each in (bodies, joints, ties)]
     return about | {"bodies": parts[0] + ground, "joints": parts[1], "ties": parts[2]}
 
@@ -156,20 +161,26 @@ def _arch(member: Member) -> Named:
 def _ground(arch: Arch) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield each side on which an arch stands, (2, 2), and the ground under it, (4, 2) [m]."""
     joints = np.stack([arch.intrados, arch.extrados], axis=1)
-    clear = np.inf if arch.free_end else np.hypot(*(joints[-1, 0] - joints[0, 0]))
-    for end in (0, -1)[: 1 if arch.free_end else 2]:
-        outline = arch.outlines[end]
-        along = joints[end, 1] - joints[end, 0]
-        on = np.abs(cross(outline - joints[end, 0], along)) < 1e-9 * along @ along
+    for name, (joint, side_of) in arch.bases.items():
+        others = [joints[other] for other, _ in arch.bases.values() if other != joint]
+        body = arch.pairs[joint, 1 - side_of]
+        outline = arch.outlines[body]
+        along = joints[joint, 1] - joints[joint, 0]
+        on = np.abs(cross(outline - joints[joint, 0], along)) < 1e-9 * along @ along
         # A joint may bear on a part of the side.
-        points = np.vstack([joints[end], outline[on]])
+        points = np.vstack([joints[joint], outline[on]])
         side = points[[np.argmin(points @ along), np.argmax(points @ along)]]
         along = side[1] - side[0]
         away = 2.0 * np.array([-along[1], along[0]])
-        away *= -np.sign(away @ (arch.centroids[end] - side[0]))
-        # Both grounds do not meet.
-        near = side[0] - min(1.0, 0.4 * clear / np.hypot(*along)) * along
-        far = side[1] + along
+        away *= -np.sign(away @ (arch.centroids[body] - side[0]))
+        # Grounds do not meet.
+        clear = [
+            np.hypot(*(np.reshape(others, (-1, 2)) - end).T).min(initial=np.inf)
+            for end in joints[joint]
+        ]
+        near, far = (min(1.0, 0.4 * each / np.hypot(*along)) for each in clear)
+        near = side[0] - near * along
+        far = side[1] + (far if name.startswith("pier") else 1.0) * along
         yield side, np.array([near, far, far + away, near + away])
 
 

@@ -19,21 +19,10 @@ BARELY = 1e-9
 
 
 class Impulse(NamedTuple):
-    """Velocity that a ground motion takes from free bodies in a step.
+    """Velocity that a ground motion takes from free bodies in a step."""
 
-    With it, how the far springing moves.
-    """
-
-    x: float  # integral of the ground acceleration [m/s]
+    x: float  # integral of the acceleration of the left base [m/s]
     y: float
-    # Of the far springing relative to the other: its displacement in the middle of the step [m],
-    # its mean velocity before the middle and its mean velocity after the middle [m/s].
-    far_x: float
-    far_y: float
-    before_x: float
-    before_y: float
-    after_x: float
-    after_y: float
 
 
 class Segment(NamedTuple):
@@ -44,13 +33,13 @@ class Segment(NamedTuple):
     slope_x: float  # [m/s3]
     y: float
     slope_y: float
-    # Of the far springing relative to the other, at that instant: acceleration, velocity,
+    # Of the right base relative to the left one, at that instant: acceleration, velocity,
     # displacement and jerk.
     far_x: tuple[float, float, float, float]
     far_y: tuple[float, float, float, float]
 
 
-@struct(far=(2, 3))
+@struct()
 class Grounds(NamedTuple):
     """Ground motions one after the other: linear between samples, zero outside them."""
 
@@ -58,8 +47,8 @@ class Grounds(NamedTuple):
     vertical: np.ndarray  # (n_sample,) upwards [m/s2]
     impulse_x: np.ndarray  # (n_sample,) integral from each motion's first sample [m/s]
     impulse_y: np.ndarray  # (n_sample,)
-    # (n_sample, 2, 3) x, y: acceleration, velocity and displacement of the far springing relative
-    # to the other; of length zero where both move alike
+    # (n_sample, n_base, 2, 3) x, y: acceleration, velocity and displacement of each base but the
+    # left one, relative to that one; of length zero where all move alike
     far: np.ndarray
     # (n_sample,) int64: number in its motion of the next sample at which the slope changes
     next_break: np.ndarray
@@ -79,16 +68,19 @@ def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _far(acceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Return acceleration, velocity and displacement (n, 2, 3) of samples of acceleration (n, 2).
+    """Return acceleration, velocity and displacement (n, n_base, 2, 3) of an acceleration.
 
-    Samples are `dt` apart [s], and acceleration is linear between them.
+    Its samples (n, n_base, 2) are `dt` apart [s], and it is linear between them.
     """
-    velocity = np.column_stack([_integral(wave, dt) for wave in acceleration.T])
+    waves = acceleration.reshape(len(acceleration), -1).T
+    velocity = np.column_stack([_integral(wave, dt) for wave in waves])
+    velocity = velocity.reshape(acceleration.shape)
     rise = dt * velocity[:-1] + dt**2 / 6.0 * (
         2.0 * acceleration[:-1] + acceleration[1:]
     )
-    displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(rise, axis=0)])
-    return np.stack([acceleration, velocity, displacement], axis=2)
+    start = np.zeros((1, *acceleration.shape[1:]))
+    displacement = np.concatenate([start, np.cumsum(rise, axis=0)])
+    return np.stack([acceleration, velocity, displacement], axis=-1)
 
 
 def _breaks(*waves: np.ndarray) -> np.ndarray:
@@ -105,8 +97,9 @@ def _breaks(*waves: np.ndarray) -> np.ndarray:
 def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
     """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
 
-    A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the
-    far springing less that of the other. `noted`: when to note whether the chain still moves [s].
+    A fourth entry, if there is one and it is not None, is the acceleration (n_sample, n_base, 2)
+    of the bases but the left one, less that of the left one. `noted`: when to note whether the
+    chain still moves [s].
     """
     x = [np.ascontiguousarray(given[0], float) for given in motions]
     # Zeros that are only read take no memory.
@@ -120,9 +113,13 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
     apart = [
         each[3] if len(each) > 3 and each[3] is not None else None for each in motions
     ]
-    far = np.zeros((0, 2, 3))
-    if any(each is not None for each in apart):
-        given = (np.zeros((w.size, 2)) if a is None else a for w, a in zip(x, apart))
+    bases = [np.shape(each)[1] for each in apart if each is not None]
+    far = np.zeros((0, 1, 2, 3))
+    if bases:
+        alike = bases[0], 2
+        given = (
+            np.zeros((w.size, *alike)) if a is None else a for w, a in zip(x, apart)
+        )
         far = np.concatenate(
             [_far(np.asarray(a, float), dt) for a, dt in zip(given, step)]
         )
@@ -134,7 +131,8 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
         joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y)
     )
     first = np.cumsum([0, *(wave.size for wave in x)])
-    parts = [far[a:b, :, 0].T for a, b in pairwise(first.tolist())]
+    waves_of = far[..., 0].reshape(len(far), 2 * far.shape[1])
+    parts = [waves_of[a:b].T for a, b in pairwise(first.tolist())]
     breaks = joined(
         [_breaks(a, b, *c) if c.size else _breaks(a, b) for a, b, c in zip(x, y, parts)]
     )
@@ -146,7 +144,7 @@ def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
     """Return one of several ground motions, multiplied by a factor."""
     part = slice(*grounds.first[number : number + 2])
     scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
-    far = factor * grounds.far[part, :, 0] if grounds.far.size else None
+    far = factor * grounds.far[part, ..., 0] if grounds.far.size else None
     alone = (*scaled, grounds.time_step[number], far)
     return grounds_of([alone], grounds.noted[number : number + 1])
 
@@ -178,11 +176,11 @@ def _place_of(grounds, motion):
 
 
 @inlined
-def _far_at(grounds, c, motion, time):
-    """Return acceleration, velocity, displacement and jerk of the far springing at `time` [s].
+def _far_at(grounds, base, c, motion, time):
+    """Return acceleration, velocity, displacement and jerk of a base at `time` [s].
 
-    `c` is 0 for x, 1 for y. The factor on the motion is left out. After the last sample the
-    springing stands still.
+    They are relative to the left base. `base` counts the others from 0 at the left; `c` is 0 for
+    x, 1 for y. The factor on the motion is left out. After the last sample the base stands still.
     """
     far = grounds.far
     if far.shape[0] == 0:
@@ -191,22 +189,22 @@ def _far_at(grounds, c, motion, time):
     place = max(time, 0.0) / dt
     i = first + int(place)
     if i >= last:
-        return 0.0, 0.0, far[last, c, 2], 0.0
-    a = far[i, c, 0]
-    v = far[i, c, 1]
-    u = far[i, c, 2]
-    jerk = (far[i + 1, c, 0] - a) / dt
+        return 0.0, 0.0, far[last, base, c, 2], 0.0
+    a = far[i, base, c, 0]
+    v = far[i, base, c, 1]
+    u = far[i, base, c, 2]
+    jerk = (far[i + 1, base, c, 0] - a) / dt
     s = (place - (i - first)) * dt
     u += s * (v + s * (0.5 * a + s * jerk / 6.0))
     return a + s * jerk, v + s * (a + 0.5 * s * jerk), u, jerk
 
 
 @kernel
-def _far_between(grounds, clock, c, start, end):
-    """Return how the far springing moves from `start` to `end` [s] in direction `c`.
+def _far_between(grounds, clock, base, c, start, end):
+    """Return how a base moves from `start` to `end` [s] in direction `c`, as in `_far_at`.
 
-    `c` is 0 for x, 1 for y. Returned are the displacement in the middle [m], the mean velocity
-    before the middle and the mean velocity after the middle [m/s].
+    Returned are the displacement in the middle [m], the mean velocity before the middle and the
+    mean velocity after the middle [m/s].
 
     Reads: grounds (far, first, time_step), clock.
     """
@@ -216,9 +214,9 @@ def _far_between(grounds, clock, c, start, end):
         factor = lane(clock[Clock.FACTOR], k)
         a = lane(start, k)
         b = lane(end, k)
-        first = factor * _far_at(grounds, c, motion, a)[2]
-        half = factor * _far_at(grounds, c, motion, 0.5 * (a + b))[2]
-        last = factor * _far_at(grounds, c, motion, b)[2]
+        first = factor * _far_at(grounds, base, c, motion, a)[2]
+        half = factor * _far_at(grounds, base, c, motion, 0.5 * (a + b))[2]
+        last = factor * _far_at(grounds, base, c, motion, b)[2]
         per = 2.0 / (b - a)
         middle = with_lane(middle, k, half)
         before = with_lane(before, k, per * (half - first))
@@ -241,13 +239,9 @@ def _gained(acceleration, impulse, start, end, place):
 def impulse_between(grounds, clock, start, end):
     """Return the `Impulse` of the ground motion from `start` to `end` [s].
 
-    Reads: grounds (far, first, horizontal, impulse_x, impulse_y, time_step, vertical), clock.
+    Reads: grounds (first, horizontal, impulse_x, impulse_y, time_step, vertical), clock.
     """
     x = y = 0.0 * start
-    far_x = far_y = before_x = before_y = after_x = after_y = 0.0 * start
-    if grounds.far.shape[0] > 0:
-        far_x, before_x, after_x = _far_between(grounds, clock, 0, start, end)
-        far_y, before_y, after_y = _far_between(grounds, clock, 1, start, end)
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
         factor = lane(clock[Clock.FACTOR], k)
@@ -258,7 +252,33 @@ def impulse_between(grounds, clock, start, end):
         x = with_lane(x, k, factor * given)
         given = _gained(grounds.vertical, grounds.impulse_y, a, b, place)
         y = with_lane(y, k, factor * given)
-    return Impulse(x, y, far_x, far_y, before_x, before_y, after_x, after_y)
+    return Impulse(x, y)
+
+
+@kernel
+def move_ground(runs):
+    """Move all bases to the middle of the next step; return the `Impulse` of that step.
+
+    Writes: runs (state.velocity, work.free, work.position).
+    """
+    grounds = runs.grounds
+    work = runs.work
+    clock = runs.state.clock
+    start = clock[Clock.TIME]
+    end = start + clock[Clock.STEP]
+    moves = grounds.far.shape[0] > 0
+    first = runs.model.end
+    for i in range(first, runs.model.mass.size):
+        for c in range(2):
+            middle = before = after = 0.0 * start
+            if moves:
+                middle, before, after = _far_between(
+                    grounds, clock, i - first, c, start, end
+                )
+            work.position[i, c] = middle
+            runs.state.velocity[i, c] = before
+            work.free[i, c] = after
+    return impulse_between(grounds, clock, start, end)
 
 
 @inlined
@@ -284,8 +304,8 @@ def segment_at(time, grounds):
     x = grounds.horizontal
     y = grounds.vertical
     i = int(np.floor(time / dt + BARELY))
-    far_x = _far_at(grounds, 0, 0, max(time, i * dt))
-    far_y = _far_at(grounds, 1, 0, max(time, i * dt))
+    far_x = _far_at(grounds, 0, 0, 0, max(time, i * dt))
+    far_y = _far_at(grounds, 0, 1, 0, max(time, i * dt))
     if i >= grounds.first[1] - 1:
         return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
     part = time - i * dt
@@ -301,7 +321,7 @@ def segment_at(time, grounds):
 def ground_after(ground, time):
     """Return the ground acceleration a `time` [s] after the beginning of a `Segment` [m/s2].
 
-    Returned are x and y, then x and y of the far springing relative to the other.
+    Returned are x and y, then x and y of the right base relative to the left one.
     """
     x = ground.x + ground.slope_x * time
     y = ground.y + ground.slope_y * time
@@ -329,11 +349,13 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
 
 @inlined
 def _moves_apart(far, i):
-    """Return whether the springings move apart between sample `i` and the next."""
+    """Return whether bases move apart between sample `i` and the next."""
     moves = False
-    for c in range(2):
-        for n in range(2):
-            moves = moves or far[i, c, n] != 0.0 or far[i + 1, c, n] != 0.0
+    for base in range(far.shape[1]):
+        for c in range(2):
+            for n in range(2):
+                here = far[i, base, c, n]
+                moves = moves or here != 0.0 or far[i + 1, base, c, n] != 0.0
     return moves
 
 
@@ -341,8 +363,8 @@ def _moves_apart(far, i):
 def end_rest(model, grounds, clock, plus, minus):
     """Return the time until which a chain rests [s], and whether it rests for good.
 
-    `plus` and `minus` are the limits of its range of rest [g]. It does not rest while the
-    springings move apart.
+    `plus` and `minus` are the limits of its range of rest [g]. It does not rest while
+    bases move apart.
 
     Reads: model.gravity, grounds (far, first, horizontal, time_step, vertical), clock.
     """

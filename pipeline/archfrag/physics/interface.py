@@ -45,6 +45,11 @@ class Chain(NamedTuple):
     body: ndarray | None = None
 
 
+def pairs_of(n_joint: int, body: ndarray | None) -> ndarray:
+    """Return the bodies before and after each joint, (n_joint, 2), of a `Chain.body`."""
+    return np.add.outer(np.arange(n_joint), [-1, 0]) if body is None else body
+
+
 @struct()
 class Options(NamedTuple):
     """Options of all methods; a method ignores those that do not concern it."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.physics.contact.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Model, Work
@@ -100,9 +101,7 @@ def new_rest_problem(model: Model) -> RestProblem:
     kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
     problem = RestProblem(
         *(
-            np.zeros(
-                (first.get(name, n_joint), *shapes.get(name, ())), kinds.get(name)
-            )
+            np.zeros((first.get(name, n_joint), *shapes.get(name, ())), kinds.get(name))
             for name in RestProblem._fields
         )
     )
@@ -150,16 +149,15 @@ def set_resultants(model, problem, weight, size):
     part = problem.part
     first = 0
     for j in range(part.shape[0]):
-        body = int(model.body[j, 0])
         part[j] = 0.0
-        if 0 < body < model.end:
-            bed = model.bed[j]
+        if follows(model, j):
+            forked = is_behind_fork(model, j)
             for c in range(3):
                 for k in range(part.shape[2]):
                     part[j, c, k] = part[j - 1, c, k]
-                    if bed >= 0 and bed == model.bed[j - 1]:
-                        part[j, c, k] += part[bed, c, k]
-            _add_body(model, problem, j, body, weight, size, -1.0)
+                    if forked:
+                        part[j, c, k] += part[bed_of(model, j), c, k]
+            _add_body(model, problem, j, row_of(model, j, 0), weight, size, -1.0)
         elif part.shape[0] == model.end - 1:
             for i in range(1, model.end):
                 _add_body(model, problem, 0, i, weight, size, 1.0)

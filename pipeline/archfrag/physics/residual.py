@@ -162,7 +162,9 @@ def state_residual(model, state, work):
     _move_moments(work, 1.0)
     placing.place_contacts(model, state.slip, work)
     _move_moments(work, -1.0)
-    placing.relative_velocity(model, state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(
+        model, state.position, state.velocity, work.pivot, work.relative
+    )
     force = 0.0
     for i in range(model.mass.size):
         force += model.gravity * model.mass[i]

@@ -6,7 +6,12 @@ import numpy as np
 
 from archfrag.physics.collapse import NOTED_GAP, collapse_of, loss_mode
 from archfrag.physics.contact.laws import mode_of
-from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap, turn_of
+from archfrag.physics.contact.placing import (
+    clearance,
+    move_faces,
+    slip_and_gap,
+    turn_of,
+)
 from archfrag.physics.contact.ties import is_pulled, reset_pulls
 from archfrag.physics.energy import energies_of
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes

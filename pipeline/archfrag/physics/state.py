@@ -3,7 +3,7 @@
 The arrays of state and workspace hold one run, or four (`physics.kernels.primitives.LaneArray`).
 Rows count bodies with the ground: row 0 is the ground of the left base, row i the i-th body, the
 rows from ``Model.end`` on are the grounds of the other bases, the right one last. Joint j lies
-between the rows ``Model.body[j]``; a chain with a free end has no joint before the last row.
+between the rows ``Model.body[j]``, or j and j + 1 where that is None; a chain with a free end has no joint before the last row.
 
 Kernels take model, state, work, options and output in this order; `model`, `state` and `work` are
 those below unless a docstring says otherwise.
@@ -42,13 +42,14 @@ Zeros = Callable[[tuple[int, ...]], Any]
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
-    body: ndarray  # (n_joint, 2) uint64: rows of the bodies before and after each joint
-    # (n_joint,) int64: at the spine's joints on either side of a top course, the joint of its
-    # pier below; else -1
-    bed: ndarray
-    # (n_row, 2) uint64: the last joint of each body to be eliminated, and the row on its other
-    # side; ``end`` for a ground
-    ahead: ndarray
+    # Of a bridge of several spans; None for a row, see `archfrag.physics.contact.neighbours`.
+    body: ndarray | None  # (n_joint, 2) rows of the bodies before and after each joint
+    # (n_joint,) at the spine's joints on either side of a top course, the joint of its pier
+    # below; else -1
+    bed: ndarray | None
+    # (n_row, 2) the last joint of each body to be eliminated, and the row on its other side;
+    # at least ``end`` for a ground
+    ahead: ndarray | None
     mass: ndarray  # (n_body + 2,) [kg]; zero for the ground
     inertia: ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
     inverse_mass: ndarray  # (n_body + 2,) [1/kg]; zero for the ground
@@ -251,10 +252,8 @@ def new_model(chain: Chain) -> Model:
 
     n_body = chain.mass.size
     n_joint = chain.friction.size
-    body = chain.body
-    if body is None:
-        body = np.add.outer(np.arange(n_joint), [-1, 0])
-    n_row = max(int(body.max()), n_body) + 2
+    n_row = n_body + 2 if chain.body is None else int(chain.body.max()) + 2
+    row = None if chain.body is None else chain.body + 1
 
     def framed(values: ndarray) -> ndarray:
         around = [(1, n_row - 1 - n_body), *[(0, 0)] * (values.ndim - 1)]
@@ -272,11 +271,10 @@ def new_model(chain: Chain) -> Model:
     if start is None:
         start = np.pad(chain.centroid, [(0, 0), (0, 1)])
     tie = () if chain.tie is None else chain.tie
-    row = (body + 1).astype(np.uint64)
     return Model(
         body=row,
-        bed=_beds_of(row, n_body + 1),
-        ahead=_ahead_of(row, n_row, n_body + 1),
+        bed=None if row is None else _beds_of(row, n_body + 1),
+        ahead=None if row is None else _ahead_of(row, n_row),
         end=n_body + 1,
         mass=framed(chain.mass),
         inertia=framed(chain.inertia),
@@ -305,11 +303,11 @@ def _beds_of(row: ndarray, end: int) -> ndarray:
     return bed
 
 
-def _ahead_of(row: ndarray, n_row: int, end: int) -> ndarray:
+def _ahead_of(row: ndarray, n_row: int) -> ndarray:
     """Return `Model.ahead` for the rows of the bodies at each joint."""
-    ahead = np.full((n_row, 2), end, np.uint64)
+    ahead = np.full((n_row, 2), n_row)
     for j, (before, after) in enumerate(row):
-        ahead[before] = j, min(after, end)
+        ahead[before] = j, after
     return ahead
 
 
@@ -344,7 +342,7 @@ def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
     n_row = model.mass.size
     n_tie = len(model.tie)
     rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
-    rows["fork"] = model.friction.size if model.bed.any() else 0
+    rows["fork"] = 0 if model.bed is None else model.friction.size
     work: Work = allocate(Work, model, zeros, tie=n_tie, **rows)
     columns_of(work.rotated)[::2] = 1.0
     return work._replace(

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.marks import AREAS, Mark
+from archfrag.arch.marks import AREAS, Mark, joint_numbers
 from archfrag.fragility.verdicts import Verdict
-from archfrag.report.html import onset_text
+from archfrag.report.html import TEXTS, onset_text
 from archfrag.report.inputs import ArchResults
 from archfrag.report.svg import (
     BLUE,
@@ -96,12 +96,21 @@ def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | Words:
         key.append(Entry("sliding joint", ORANGE))
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
     words = []
-    for left, towards in ((0.0, "+x"), (0.5 * sheet.width, "-x")):
+    long = len(onset.arch.spans) > 1  # one drawing below the other
+    across = 0.0 if long else 0.5 * sheet.width
+    for left, towards in ((0.0, "+x"), (across, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
-        _at_onset(sheet, left + 0.25 * sheet.width, top + 20.0, onset, towards)
-    return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
+        middle = left + (0.5 if long else 0.25) * sheet.width
+        _at_onset(sheet, middle, top + 20.0, onset, towards)
+        top = sheet.height if long else top
+    texts = TEXTS["arch_at_onset"]
+    parts = texts["parts"] * bool(onset.arch.places)
+    return (
+        f"{name} with hinges and thrust line at onset: {', '.join(words)}",
+        texts["caption"].format(parts=parts),
+    )
 
 
 def _at_onset(
@@ -109,7 +118,8 @@ def _at_onset(
 ) -> None:
     """Draw an arch with its mechanism; `towards` is empty if it does not stand."""
     arch = onset.arch
-    panel = arch_panel(sheet, arch, middle, top + 20.0, (308.0, 260.0), ground=True)
+    most = (0.86 * sheet.width if len(arch.spans) > 1 else 308.0, 260.0)
+    panel = arch_panel(sheet, arch, middle, top + 20.0, most, ground=True)
     below = panel.box[3] + 15.0
     if towards:
         paint(panel, onset.marks(towards))
@@ -119,8 +129,18 @@ def _at_onset(
         sheet.path(line, stroke=INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {below:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=INK)
-    for joint in range(0, arch.n_joint, -(-arch.n_joint // _MOST_NUMBERS)):
-        _label_joint(panel, arch, joint, 16.0, str(joint), "s q", [])
+    taken = list[FloatArray]()
+    inside = set[
+        int
+    ]()  # joints numbered within their span, where no other ring is near
+    for part in arch.parts[: len(arch.places)]:  # none of one ring alone
+        half = part.joints[len(part.joints) // 2]
+        away = -16.0 if "pier" in part.name else -34.0
+        inside |= {*(() if "pier" in part.name else part.joints)}
+        _label_joint(panel, arch, half, away, part.name, "s", taken)
+    for joint, number in joint_numbers(arch, _MOST_NUMBERS * len(arch.spans)):
+        away = -14.0 if joint in inside else 16.0
+        _label_joint(panel, arch, joint, away, number, "s q", taken if inside else [])
     sheet.height = max(sheet.height, below + 11.0)
 
 
@@ -166,7 +186,8 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
     joints, counts = np.unique(joint_of, return_counts=True)
     if not joints.size:
         return None
-    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, (370.0, 240.0))
+    most = (0.86 * sheet.width if len(arch.spans) > 1 else 370.0, 240.0)
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
     taken = list[FloatArray]()  # boxes of words: left, top, right, bottom
     for i in np.argsort(-counts, kind="stable"):
         joint = int(joints[i])

@@ -380,10 +380,15 @@ def hazard_and_fragility(
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> Words | None:
-    """Draw the rate by level and mechanism; None if no run collapsed or no mechanism is known."""
-    split = arch.by_mechanism
-    if not split.counts.any() or "not known" in split.categories:
+def contributions(
+    sheet: Sheet, arch: ArchRisk, scale: Scale, by: str = "mechanism"
+) -> Words | None:
+    """Draw the rate by level and by mechanism or part.
+
+    Return None if no run collapsed, or no mechanism or part is known.
+    """
+    split = getattr(arch, f"by_{by}")
+    if split is None or not split.counts.any() or "not known" in split.categories:
         return None
     labels = [
         f"{name} {100 * f:.0f} %" for name, f in zip(split.categories, split.fraction)
@@ -398,8 +403,9 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> Words | None:
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
     texts = TEXTS["contributions"]
-    caption = texts["caption"] + texts["pale"] * bool(split.unassigned.any())
-    return f"Rate of collapse of {arch.arch} by level and mechanism", caption
+    caption = texts["caption"].format(by=by)
+    caption += texts["pale"] * bool(split.unassigned.any())
+    return f"Rate of collapse of {arch.arch} by level and {by}", caption
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:

@@ -114,7 +114,6 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     results = inputs.results(name)
     record, level, reason = chosen
     kind = method.pop("name")
-    method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = results["scale_factor"][record, level]
     if inputs.plan is not None:
@@ -135,7 +134,9 @@ def repeat(inputs: ReportInputs, name: str, chosen: Chosen | None) -> Example | 
     shown = (
         f"{about}{inputs.scale.measure} = {inputs.scale.text(results.levels[level])}"
     )
-    ground = "the ground at its left end" if method["far"] else "the ground"
+    apart = method.get("wave_speed") or method.get("bases")
+    ground = "the ground at its left end" if apart else "the ground"
+    motion = response.motion or motion
     return Example(arch, motion, factor, shown, response, reason, same, ground)
 
 
@@ -284,10 +285,12 @@ def film(
         along = right - left
         angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
         rods.append(np.column_stack([left, angle, np.hypot(*along.T)]).tolist())
-    bodies = counted(
-        np.diff(arch.springings).item(), "block" if arch.free_end else "voussoir"
-    )
-    bodies += " on piers" * (arch.springings[0] > 0)
+    count = sum(len(span.bodies) for span in arch.spans)
+    bodies = counted(count, "block" if arch.free_end else "voussoir")
+    bodies += f" in {len(arch.spans)} spans" * (len(arch.spans) > 1)
+    bodies += " on piers" * any("pier" in part.name for part in arch.parts)
+    if example.response.collapsed and arch.places:
+        title += f" at {example.response.collapse_place}"
     what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
     duration = time[-1] - time[0] + _HOLD
     moves = np.dstack([pixels(place), -np.rad2deg(rotation)])

@@ -188,7 +188,8 @@ def _noun(inputs: ReportInputs) -> str:
     if not inputs.arches:
         return next(iter(inputs.quoted))
     arch = next(iter(inputs.arches.values())).arch
-    column = "the column" if arch.free_end else "the arch"
+    span = "the bridge" if len(arch.spans) > 1 else "the arch"
+    column = "the column" if arch.free_end else span
     return "the block" if arch.parameters["profile"] == "block" else column
 
 
@@ -304,10 +305,11 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
         _measure(sheet, (edge, bottom), (edge, top), height)
         return f"width {width}, height {height}"
     line = 0.5 * (arch.intrados + arch.extrados)
-    drawing = arch.parameters.get("span") is None
+    drawing = len(arch.spans) > 1 or arch.parameters.get("span") is None
     if drawing:
         line = arch.intrados
-    ends = line[list(arch.springings)]
+    line = line[list(max(arch.spans, key=arch.dimensions_of).joints)]
+    ends = line[[0, -1]]
     crown = line[line[:, 1].argmax()]
     springing = ends[:, 1].min()
     _, rise, thickness = arch.dimensions

@@ -48,9 +48,12 @@ RUN_COLUMNS = (
     "verdict",
     "collapse_mode",
     "collapse_joint",
+    "collapse_place",
+    "collapse_part",
     "collapse_time",
     "lost_contact_time",
     "lost_contact_joint",
+    "lost_contact_place",
     "peak_rotation",
     "residual_rotation",
     "peak_displacement",
@@ -75,6 +78,7 @@ _HEAD = "Results of archfrag"
 _FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each file is
 
 _MODELLED = {"friction", "dead_load", "fill", "spans", "piers", "ends", *LATER}
+_PLACED = ("joint", "place", "part")
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {
@@ -283,10 +287,11 @@ def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs
     names = list(fitted.arches)
     detailed = shown(thetas(fitted.arches.values()).tolist())
     given: dict[str, list[Mapping[str, Any]]] = {}
-    for member in study.members:
+    spans = fitted.cube["spans"].values if "spans" in fitted.cube else [1] * len(names)
+    for member, count in zip(study.members, spans):
         keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
         given.setdefault(member.arch_class, []).append(
-            keys | {"before": not member.intact}
+            keys | several(int(count)) | {"before": not member.intact}
         )
     about = study.report.model_dump(
         include={"project", "client", "author"}, exclude_none=True
@@ -304,6 +309,11 @@ def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs
         given=given,
         about=about,
     )
+
+
+def several(spans: int) -> dict[str, int]:
+    """Return the number of spans under a key that only a bridge has."""
+    return {"several": spans} if spans > 1 else {}
 
 
 def _title(study: StudyKeys) -> str:
@@ -436,7 +446,8 @@ def summary(inputs: ReportInputs) -> Named:
     cube = inputs.cube
     attributes = cube.attrs
     scale = inputs.scale
-    of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
+    of_runs = ["verdict", "lost_contact_time", "collapse_mode", "collapse_joint"]
+    of_runs += [name for name in ("collapse_place", "collapse_part") if name in cube]
     tables = [
         cube[name].transpose("arch", "record", "level").values for name in of_runs
     ]
@@ -526,10 +537,12 @@ def _answered(inputs: ReportInputs, answer: Curve) -> Named:
     return found
 
 
-def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> Named:
+def _counted(
+    verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray, *places: NDArray
+) -> Named:
     """Return numbers of runs of an arch by verdict, and of its collapses the fractions.
 
-    The fractions are by mode and by joint.
+    The fractions are by mode and by joint; of bridges by place and by part too.
     """
     number = count_verdicts(verdict)
     collapsed = verdict == Verdict.COLLAPSED
@@ -542,6 +555,9 @@ def _counted(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> 
         kind: {
             str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())
         }
-        for kind, codes in (("mode", modes), ("joint", joint[collapsed].tolist()))
+        for kind, codes in (
+            ("mode", modes),
+            *zip(_PLACED, (each[collapsed].tolist() for each in (joint, *places))),
+        )
     }
     return {"counts": counts, "mechanisms": mechanisms}

@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from archfrag.arch import Arch
 from archfrag.arch.bridge import fill_weighs
 from archfrag.properties import value_of
 from archfrag.report.html import TEXTS
-from archfrag.report.inputs import ReportInputs
+from archfrag.report.inputs import ReportInputs, several
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
@@ -29,14 +31,13 @@ class Aspect(NamedTuple):
 def aspects(
     given: Given,
     vertical: str = "not used",
-    delay: float | None = None,
+    method: Mapping[str, Any] = MappingProxyType({}),
     spanning: bool = True,
 ) -> list[Aspect]:
     """Return what is modelled and what is not, each with its sentence.
 
     `given` has the keys of the arches. `vertical` is the attribute ``vertical_component`` of a
-    cube, `delay` that of the method in seconds; `spanning` is false if all arches are
-    free-standing.
+    cube, `method` the keys of the method; `spanning` is false if all arches are free-standing.
     """
     arches = [arch for members in given.values() for arch in members]
     keys = "friction", "piers.friction", "ends.friction", "spans.friction"
@@ -45,10 +46,15 @@ def aspects(
     some = tuple(
         filter(None, [vertical.removeprefix("used").strip()])
     )  # records that have one
+    counts = sorted({arch.get("several", 0) for arch in arches} - {0})
+    speed = method.get("wave_speed")
+    later = method.get("bases") or {}
+    apart = f"a wave of {speed:g} m/s passes along them" if speed else ""
+    apart += ", ".join(f"{name} {delay:g} s later" for name, delay in later.items())
     others = {
         "always": (),
         "never": None,
-        "delay": () if delay else None,
+        "apart": () if apart else None,
         "vertical": None if vertical == "not used" else some,
         "sliding": () if finite else None,
     }
@@ -60,7 +66,8 @@ def aspects(
             words = f" ({', '.join(whose)})" if whose else ""
             kind = "no" if whose is None else "yes"
             name = text.get(f"{kind}_name", "")
-            sentence = text[kind].format(of=words, delay=delay or 0.0)
+            many = " to ".join(map(str, {*counts[:1], *counts[-1:]}))
+            sentence = text[kind].format(of=words, apart=apart, spans=many)
             result.append(Aspect(kind == "yes", name + words * bool(name), sentence))
     return result
 
@@ -71,13 +78,13 @@ def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     given = inputs.given
     if not given:  # a report without a study file
         given = {
-            of_class[name]: [each.arch.parameters]
+            of_class[name]: [each.arch.parameters | several(len(each.arch.spans))]
             for name, each in inputs.arches.items()
         }
     return aspects(
         given,
         inputs.cube.attrs.get("vertical_component", "not used"),
-        inputs.config.get("method", {}).get("delay"),
+        inputs.config.get("method", {}),
         not all(each.arch.free_end for each in inputs.arches.values()),
     )
 
@@ -92,13 +99,12 @@ def short(found: Iterable[Aspect]) -> str:
     )
 
 
-def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
-    """Return the words for joint 0 of an arch."""
-    if free_end:
+def base_of(arch: Arch) -> str:
+    """Return the words for joint 0 of an arch, or of each part of a bridge."""
+    if arch.free_end:
         return "the base"
-    return (
-        "the base of the left pier" if "ends" in parameters else "the left springing"
-    )
+    springing = "the left springing"
+    return f"{springing} of a span, the base of a pier" if arch.places else springing
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:
@@ -107,7 +113,10 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
     for name, arches in given.items():
         values = [value_of(arch, key) for arch in arches]
         if key == "piers":
-            values = [value or value_of(arch, "ends") for value, arch in zip(values, arches)]
+            values = [
+                value or value_of(arch, "ends") or arch.get("several")
+                for value, arch in zip(values, arches)
+            ]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))

@@ -208,6 +208,7 @@ def _rates(inputs: ReportInputs, risk: StudyRisk | str) -> Iterator[Any]:
         yield cautions(arch.cautions)
         yield hazard_and_fragility(arch, hazard, inputs.scale)
         yield contributions(arch, inputs.scale)
+        yield contributions(arch, inputs.scale, "part")
     assumed = (f"{words[0].upper()}{words[1:]}." for words in ASSUMPTIONS)
     yield paragraph(" ".join(assumed), "note")
 

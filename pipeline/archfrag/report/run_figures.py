@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from archfrag.arch import Arch
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, contributions
 from archfrag.fragility.verdicts import Verdict
@@ -64,12 +65,14 @@ LOOKS = (
     (INK, "area"),
     (GREY, "area"),
 )
+_SIDES = {"intrados": BLUE, "extrados": VERMILION, "right": SKY, "left": PURPLE}
 # States of a joint, in words of the log, from code 1; a closed joint that sticks is not drawn.
 JOINT_STATES = (
-    Entry("hinge intrados", BLUE),
-    Entry("hinge extrados", VERMILION),
-    Entry("hinge intrados sliding", BLUE, "slash"),
-    Entry("hinge extrados sliding", VERMILION, "slash"),
+    *(
+        Entry(f"hinge {side}{slides}", colour, mark)
+        for slides, mark in (("", "area"), (" sliding", "slash"))
+        for side, colour in _SIDES.items()
+    ),
     Entry("slides", ORANGE, "cross"),
     Entry("open", INK),
 )
@@ -243,8 +246,10 @@ def ida_line(
     return x, y
 
 
-def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
-    """Split the collapses by mode, and by the joint that was lost."""
+def groupings(
+    results: ArchResults, confidence: float, arch: Arch
+) -> list[Contributions]:
+    """Split the collapses by mode, by the joint that was lost, and by its span or pier."""
     lost = results["collapse_joint"]
     collapsed = results.verdict == Verdict.COLLAPSED
     counted = Counter(np.sort(lost[collapsed]).tolist())
@@ -253,11 +258,14 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
         np.isin(lost, commonest), np.searchsorted(commonest, lost), len(commonest)
     )
     modes = results["collapse_mode"], [mode.label for mode in MODES]
-    joints = joint, [*(f"joint {number}" for number in commonest), "other joints"]
+    joints = joint, [*map(arch.place, commonest), "other joints"]
+    of_joint = {j: i for i, part in enumerate(arch.parts) for j in part.joints}
+    part = np.array([*map(of_joint.get, range(arch.n_joint)), -1])[lost]
+    parts = part, [each.name for each in arch.parts]
     group = results.runs.group
     return [
         contributions(collapsed, *each, confidence=confidence, groups=group)
-        for each in (modes, joints)
+        for each in (modes, joints, parts)[: 3 if arch.places else 2]
     ]
 
 
@@ -265,7 +273,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 def fractions(
     sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
 ) -> Words:
-    """Draw the fraction of collapses at each level, split by mode and by joint.
+    """Draw the fraction of collapses at each level, split by mode, by joint and by part.
 
     `groups` is from `groupings`; `base` names joint 0 in the caption.
     """
@@ -276,8 +284,8 @@ def fractions(
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
     rows = 1 + max(legend_rows(key, right - left)[-1][0] for key in keys)
     boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
-    titles = "how it was moving", "joint that was lost"
-    for box, parts, key, title in zip(boxes, stacks, keys, titles, strict=True):
+    titles = "how it was moving", "joint that was lost", "span or pier of this joint"
+    for box, parts, key, title in zip(boxes, stacks, keys, titles):
         panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
         what = "runs" if every else "collapses"
         panel.axis_y(f"fraction of the {what}", 4)
@@ -286,7 +294,9 @@ def fractions(
         panel.heading(title)
         sheet.legend(box[0], box[3] + 35.0, key, right - left)
     texts = TEXTS["fractions"]
-    caption = texts["runs" if every else "collapses"] + texts["split"].format(base=base)
+    more = texts["parts"] * (len(groups) > 2)
+    caption = texts["runs" if every else "collapses"]
+    caption += texts["split"].format(base=base, parts=more)
     return (
         f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
         caption,
@@ -319,7 +329,8 @@ def timeline(sheet: Sheet, example: Example) -> Words | None:
     end = min(response.end_time, last + margin)
     edges = np.linspace(start, end, _BINS + 1)
     n_joint = example.arch.n_joint
-    joints = sampled(changes, n_joint, edges)
+    rows = [joint for part in example.arch.parts for joint in part.joints]
+    joints = sampled(changes, n_joint, edges)[:, rows]
     states = [
         (k, s) for k, s in enumerate(JOINT_STATES, start=1) if np.any(joints == k)
     ]
@@ -331,12 +342,18 @@ def timeline(sheet: Sheet, example: Example) -> Words | None:
     upper.axis_y("ground [g]", 4)
     ended = response.status.name.lower().replace("_", " ")
     if response.collapsed:
-        ended = f"contact lost at {response.collapse_time:.2f} s, joint {response.collapse_joint}"
+        ended = (
+            f"contact lost at {response.collapse_time:.2f} s, {response.collapse_place}"
+        )
     sheet.text(LEFT, top - 6.0, f"{example.level}: {ended}", "b")
     box = LEFT, top + 72.0, right, top + 72.0 + height
     middle = Panel(sheet, box, (start, end), (-0.6, n_joint - 0.4))
     step = max(1, -(-n_joint // int(height / 13.0)))
-    middle.axis_y("joint", ticks=np.arange(0, n_joint, step))
+    if example.arch.places:
+        firsts = np.cumsum([0, *(len(part.joints) for part in example.arch.parts[:-1])])
+        middle.axis_y(ticks=firsts, labels=[part.name for part in example.arch.parts])
+    else:
+        middle.axis_y("joint", ticks=np.arange(0, n_joint, step))
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
     middle.axis_x("time [s]", 9)
@@ -347,7 +364,7 @@ def timeline(sheet: Sheet, example: Example) -> Words | None:
     texts = TEXTS["timeline"]
     about = {"level": example.level, "reason": example.reason}
     motion = example.motion.id
-    base = base_of(example.arch.free_end, example.arch.parameters)
+    base = base_of(example.arch)
     caption = texts["caption"].format(motion=motion, base=base, **about)
     caption += texts["differs"] * (not example.same)
     return (

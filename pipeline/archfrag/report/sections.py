@@ -146,12 +146,11 @@ def _arch_parts(
     results = inputs.results(name)
     design = results.runs.design
     yield card(inputs, name, onset)
-    groups = run_figures.groupings(results, inputs.confidence)
+    groups = run_figures.groupings(results, inputs.confidence, arch)
     yield heading("How it falls")
     yield arch_figure.lost_joints(arch, results)
     if results.counts["collapsed"].any():
-        base = base_of(arch.free_end, arch.parameters)
-        yield run_figures.fractions(groups, results, base)
+        yield run_figures.fractions(groups, results, base_of(arch))
     else:
         yield paragraph("No run collapsed.")
     if place < _MOST_ANIMATED and onset.stands:
@@ -165,6 +164,12 @@ def _arch_parts(
         yield from _measures(inputs, answer.measures, name)
     yield heading("The arch and its onset")
     yield arch_figure.arch_at_onset(onset, name)
+    if arch.places and onset.stands:
+        for towards in ("+x", "-x"):
+            words = (
+                f"Onset towards {towards.replace('-', '−')}: {onset.places(towards)}."
+            )
+            yield paragraph(words)
     texts = facts_text(arch), edge_text(arch, edge_loss(arch)), joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
@@ -408,7 +413,7 @@ def _geometry(parameters: Mapping[str, Any], block: str = "") -> Parts:
 def _mechanism_table(
     groups: Sequence[Contributions], results: ArchResults, percent: str
 ) -> Iterator[Markup]:
-    """Yield the table of collapses by mode and by joint, and a remark on its intervals."""
+    """Yield the table of collapses by mode, joint and part, and a remark on its intervals."""
     collapsed = results.counts["collapsed"].sum()
     rows = [["all", collapsed, "", ""]]
     for group in groups:
@@ -417,7 +422,8 @@ def _mechanism_table(
         for category, count, fraction, limits in zip(*parts):
             if count:
                 rows.append([category, count, f"{fraction:.2f}", interval(limits)])
-    heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
+    what = "motion, joint, span or pier" if groups[2:] else "motion or joint"
+    heads = [what, "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None and collapsed:
         numbers = {"collapses": collapsed, "effective": groups[0].n_effective}

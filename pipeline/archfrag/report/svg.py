@@ -310,7 +310,11 @@ class Panel:
             self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
 
     def axis_y(
-        self, title: str = "", most: int = 6, ticks: NDArray | None = None
+        self,
+        title: str = "",
+        most: int = 6,
+        ticks: NDArray | None = None,
+        labels: Sequence[str] = (),
     ) -> None:
         """Draw a grid with ticks on the left, and the title upright left of them."""
         left, top, right, bottom = self.box
@@ -321,7 +325,7 @@ class Panel:
         lines = (f"M{px(left)} {px(y)}H{px(right)}" for y in places)
         self.sheet.path("".join(lines), kind="gr")
         self.sheet.path(f"M{px(left)} {px(top)}V{px(bottom)}", kind="ax")
-        for y, label in zip(places, map(tick_label, values)):
+        for y, label in zip(places, labels or map(tick_label, values)):
             if y <= end - 11.0:
                 self.sheet.text(left - 5.0, y + 3.5, label, "s e")
                 widest = max(widest, text_width(label, SMALL))

@@ -1,19 +1,24 @@
 """Checks of the arguments of a run. Each raises InputError, which names the argument."""
 
 import math
+from collections.abc import Mapping
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
+from archfrag.motions.motion import Motion
 from archfrag.physics.kernels.kernel import COMPILED
 from archfrag.physics.methods.registry import (
     AUTO,
     METHODS,
-    OF_FACES,
+    BY_STEPS,
     MethodInfo,
     known_methods,
 )
 
 LOSS_LIMIT = 0.5  # gap at both corners of a joint, over its length, that ends a run [1]
+SLOWEST = 10.0  # wave [m/s]
+FASTEST = 1e6
+LATEST = 60.0  # motion of a base [s]
 
 
 def method_names() -> tuple[str, ...]:
@@ -81,19 +86,61 @@ def check_rigid(arch: Arch, what: str) -> None:
         )
 
 
-def check_can_run(arch: Arch, info: MethodInfo, far) -> None:
-    """Raise InputError if a method cannot run an arch.
+def base_positions(arch: Arch) -> dict[str, float]:
+    """Return the x of the middle of each base of an arch by its name, from left to right [m]."""
+    faces = arch.chain.face_before, arch.chain.face_after
+    return {
+        name: float(faces[side][joint, :, 0].mean())
+        for name, (joint, side) in arch.bases.items()
+    }
 
-    It must take elastic joints if the arch has them. `far` is the motion of the right springing,
-    which must be None if the arch has a free end.
-    """
-    if info.name not in OF_FACES:
-        check_rigid(arch, f"method {info.name}")
-    if far is not None and arch.free_end:
+
+def check_bases(arch: Arch, wave_speed, bases) -> None:
+    """Raise InputError unless bases of an arch can move as given; see `simulate`."""
+    if wave_speed is None and not bases:
+        return
+    if wave_speed is not None and bases:
         raise InputError(
-            "far, method.delay in a study file, is given, but the arch has no right springing; "
+            "wave_speed and bases are both given; give all bases a wave_speed, or some bases "
+            "motions of their own"
+        )
+    key = "bases" if bases else "wave_speed"
+    names = list(base_positions(arch))[1:]
+    if not names:
+        raise InputError(
+            f"{key}, method.{key} in a study file, is given, but the arch has no right base; "
             "leave it out, or give arches with a free end a study of their own"
         )
+    if not bases:
+        check_number("wave_speed", wave_speed, -FASTEST, FASTEST, "m/s")
+        check_number("size of wave_speed", abs(wave_speed), SLOWEST, FASTEST, "m/s")
+        return
+    if not isinstance(bases, Mapping):
+        raise InputError(
+            f"bases is {bases!r}; it must be a mapping of names to motions or delays [s]"
+        )
+    for name, given in bases.items():
+        if name not in names:
+            raise InputError(
+                f"bases has {name!r}; allowed for this arch are {', '.join(names)}"
+            )
+        if not isinstance(given, Motion):
+            check_number(f"bases.{name}", given, -LATEST, LATEST, "s")
+
+
+def check_can_run(arch: Arch, info: MethodInfo, wave_speed=None, bases=None) -> None:
+    """Raise InputError if a method cannot run an arch, or bases cannot move as given.
+
+    A method must take elastic joints, or several spans, if the arch has them.
+    """
+    if info.name not in BY_STEPS:
+        check_rigid(arch, f"method {info.name}")
+        if len(arch.spans) > 1:
+            raise InputError(
+                f"method is {info.name}, which takes one span, but the bridge has "
+                f"{len(arch.spans)}; use {' or '.join(BY_STEPS)}"
+            )
+    check_bases(arch, wave_speed, bases)
 
 
 def check_number(name: str, value, least: float, most: float, unit: str = "1") -> None:

@@ -60,7 +60,7 @@ class ElasticArch:
         self.shear = (shear * arch.joint_depths)[:, None]
         # Bodies before and after each joint, the grounds counted (n_joint, 2).
         model = model_of(chain)
-        self.pair = model.body.astype(int)
+        self.pair = arch.pairs + 1
         self.bodies = slice(1, model.end)
         self.around = (1, model.mass.size - model.end), (0, 0)
         along = chain.face_before[:, 1] - chain.face_before[:, 0]

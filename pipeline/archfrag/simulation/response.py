@@ -115,6 +115,8 @@ class MechanismChange:
         What each joint does that is not closed and sticking: "hinge intrados", "slides towards
         extrados", "hinge extrados sliding towards intrados", or "open". A joint slides towards
         the side to which the voussoir after it moves on the one before it.
+    places : sequence of str
+        Names of all joints of a bridge, by number; empty of a single ring.
 
     Examples
     --------
@@ -131,12 +133,13 @@ mega-voussoirs
     joint: int
     model: str
     joints: dict[int, str]
+    places: Sequence[str] = field(default=(), repr=False, compare=False)
 
     def __str__(self) -> str:
         parts = []
         for verb, name in (("hinge", "hinges"), ("slides", "slides"), ("open", "open")):
             members = [
-                f"{joint}{text.removeprefix(verb)}"
+                f"{self._name(joint, '')}{text.removeprefix(verb)}"
                 for joint, text in self.joints.items()
                 if text.startswith(verb)
             ]
@@ -144,10 +147,13 @@ mega-voussoirs
                 parts.append(f"{name} {', '.join(members)}")
         parts = parts or ["all joints closed"]
         parts.append(MODEL_WORDS[self.model])
-        where = f" at joint {self.joint}" if self.joint >= 0 else ""
+        where = f" at {self._name(self.joint)}" if self.joint >= 0 else ""
         return (
             f"{self.time:.4f} s  {CAUSE_WORDS[self.cause]}{where}: {'; '.join(parts)}"
         )
+
+    def _name(self, joint: int, noun: str = "joint ") -> str:
+        return self.places[joint].replace(",", "") if self.places else f"{noun}{joint}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -163,6 +169,8 @@ class Response:
     collapse_time, collapse_joint, collapse_mode
         Time [s] and joint of the loss of contact for good, else nan and -1. "hinging" if rotation
         [rad] exceeded slip over length there, else "sliding"; "lift_off", "overturning", "none".
+    collapse_place, lost_contact_place : str
+        Names of these joints, such as "span 2, joint 5" (`Arch.place`); empty if there is none.
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same for the first gap at both corners of a joint of more than 2 % of its length.
     peak_rotation, peak_displacement, residual_rotation, residual_displacement : float
@@ -223,6 +231,8 @@ class Response:
 
     steps = property(lambda self: self.work["steps"])
     fallbacks = property(lambda self: self.work["compliant"])
+    collapse_place = property(lambda self: self._place(self.collapse_joint))
+    lost_contact_place = property(lambda self: self._place(self.lost_contact_joint))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the rotation of each voussoir over time, in `ax` or in new axes.
@@ -243,6 +253,11 @@ class Response:
         from archfrag.plots import animate
 
         return animate(self, seconds, speed)
+
+    def _place(self, joint: int) -> str:
+        if joint < 0:
+            return ""
+        return f"joint {joint}" if self.arch is None else self.arch.place(joint)
 
     def _arrays(self) -> tuple[NDArray, NDArray, NDArray]:
         """Return times, displacements and rotations of the history; InputError without one.
@@ -282,7 +297,7 @@ class Response:
         ended = self.status.name.lower().replace("_", " ")
         if self.collapsed:
             ended += (
-                f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, "
+                f" at {self.collapse_time:.4g} s, {self.collapse_place}, "
                 f"{self.collapse_mode.replace('_', ' ')}"
             )
         return (
@@ -427,6 +442,7 @@ def mechanism_of(
     # it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
     # corner 0.
     words = [_mode_words(arch, joint) for joint in range(arch.n_joint)]
+    places = arch.places
     kept = min(n_entry, log.time.size)
     last = end_time if kept == n_entry else np.nan
     changes = [
@@ -437,6 +453,7 @@ def mechanism_of(
             int(joint),
             Level(model).name.lower(),
             {int(j): words[j][mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
+            places,
         )
         for time, to, cause, joint, model, mode in zip(
             log.time[:kept].tolist(), [*log.time[1:kept].tolist(), last], *log[1:]
@@ -444,7 +461,7 @@ def mechanism_of(
     ]
     first = changes[0].time if changes else end_time
     if from_rest and first > 0.0:
-        changes.insert(0, MechanismChange(0.0, first, "start", -1, "rest", {}))
+        changes.insert(0, MechanismChange(0.0, first, "start", -1, "rest", {}, places))
     return tuple(changes)
 
 

@@ -136,6 +136,13 @@ class Onset:
         ]
         return marks + mechanism_marks(self.arch, *self.mechanism(towards)[1:])
 
+    def places(self, towards: str) -> str:
+        """Return hinges and sliding joints in words: "joint 4 extrados, joint 7 slides"."""
+        _, hinges, sliding = self.mechanism(towards)
+        words = [f"{self.arch.place(joint)} {side}" for joint, side in hinges]
+        words += [f"{self.arch.place(joint)} slides" for joint in sliding]
+        return ("; " if self.arch.places else ", ").join(words)
+
     def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
         """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
 
@@ -245,10 +252,9 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
 
 def strands_of(arch: Arch) -> list[range]:
     """Return the joints of each pier and ring along which every body has two joints."""
-    model = model_of(arch.chain)
-    before, after = model.body.T
-    forks = (model.bed[1:] >= 0) & (model.bed[1:] == model.bed[:-1])
-    ends = np.flatnonzero((after[:-1] != before[1:]) | forks) + 1
+    before, after = arch.pairs.T
+    shared = np.bincount(after + 1)[before[1:] + 1] > 1  # of top courses
+    ends = np.flatnonzero((after[:-1] != before[1:]) | shared) + 1
     return [*starmap(range, pairwise([0, *ends.tolist(), arch.n_joint]))]
 
 
@@ -257,14 +263,11 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
 
     With `last` beyond the joints of a chain with a free end it is up to that end.
     """
-    row = model_of(arch.chain).body.astype(int)
-    end = row[last, 0] if last < arch.n_joint else arch.n_voussoir
-    return slice(row[first, 1] - 1, end)
+    end = arch.pairs[last, 0] + 1 if last < arch.n_joint else arch.n_voussoir
+    return slice(arch.pairs[first, 1], end)
 
 
-def thrust_curve(
-    arch: Arch, centre: NDArray, load: float, strand: range
-) -> FloatArray:
+def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:
     """Return the thrust line of a strand under weights and a steady load [g], (n_point, 2) [m].
 
     It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
@@ -395,7 +398,8 @@ def _mechanism(arch: Arch, limit: RestLimit) -> tuple[list[Hinge], list[int]]:
     """Return the hinges and the sliding joints of a limit of rest."""
     corners = [limit.mechanism & bit for bit in (HINGE_INTRADOS, HINGE_EXTRADOS)]
     hinges = [
-        (j, arch.corner_name(c, j)) for j, c in np.argwhere(np.transpose(corners)).tolist()
+        (j, arch.corner_name(c, j))
+        for j, c in np.argwhere(np.transpose(corners)).tolist()
     ]
     return hinges, np.flatnonzero(limit.mechanism & SLIDING).tolist()
 

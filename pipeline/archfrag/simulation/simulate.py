@@ -42,7 +42,7 @@ from archfrag.simulation.rest import (
     own_time,
     warn_if_in_g,
 )
-from archfrag.simulation.springings import Far, ground_of
+from archfrag.simulation.springings import Bases, ground_of
 from archfrag.simulation.standing import check_stands
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ def simulate(
     history: bool = False,
     initial: tuple[ArrayLike, ArrayLike] | None = None,
     *,
-    far: Far = None,
+    wave_speed: float | None = None,
+    bases: Bases | None = None,
     follow: float = 20.0,
     loss_limit: float = LOSS_LIMIT,
     rests: bool = True,
@@ -111,8 +112,13 @@ def simulate(
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
         ground [m/s, m/s, rad/s] at time 0, without overlaps; at rest if not given.
-    far : Motion or float, optional
-        Motion of the right springing, with the same time step, or its delay behind the left [s].
+    wave_speed : float, optional
+        Of a wave along the arch [m/s]: a base has the motion of the left base, later by its
+        distance from that one over this speed. If it is negative, the wave comes from the right.
+    bases : mapping, optional
+        Instead of that, from names of bases, "pier 1" and so on and "right", to their motions,
+        with the same time step, or to their delays behind the left base [s]. The other bases move
+        as the left one. `scale` multiplies all motions.
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     loss_limit : float
@@ -137,7 +143,7 @@ def simulate(
     (False, 'none')
     """
     info, options = _checked_call(
-        arch, [motion], [scale], far, method, rtol, dt, follow, loss_limit
+        arch, [motion], [scale], wave_speed, bases, method, rtol, dt, follow, loss_limit
     )
     arguments.check_compiled(plain=info.name == "time_stepping")
     options = options._replace(rests=rests)
@@ -148,7 +154,7 @@ def simulate(
         arguments.check_rigid(arch, "initial")
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = _grounds([motion], far)
+    ground, (motion,) = _grounds([motion], arch, wave_speed, bases)
     n_frame = (
         int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     )
@@ -238,7 +244,8 @@ def _checked_call(
     arch: Arch,
     motions: Sequence[Motion],
     factors: Sequence[float],
-    far: Far,
+    wave_speed: float | None = None,
+    bases: Bases | None = None,
     method: str = AUTO,
     rtol: float | None = None,
     dt: float | None = None,
@@ -263,7 +270,7 @@ def _checked_call(
     arguments.check_number("follow", follow, 0.0, math.inf, "s")
     if dt is not None:
         arguments.check_number("dt", dt, 1e-9, 10.0, "s")
-    arguments.check_can_run(arch, info, far)
+    arguments.check_can_run(arch, info, wave_speed, bases)
     unit = own_time(arch)
     faces = arch.chain.joint is not None
     longest = longest_step(arch.chain) if faces else math.inf
@@ -299,9 +306,11 @@ def _checked_call(
     return info, options
 
 
-def _grounds(motions: Sequence[Motion], far: Far) -> Grounds:
-    grounds = [ground_of(motion, far) for motion in motions]
-    return grounds_of(grounds, [ground.noted for ground in grounds])
+def _grounds(motions: Sequence[Motion], *given) -> tuple[Grounds, list[Motion]]:
+    """Return ground motions for kernels, and the motions of the left base; see `ground_of`."""
+    grounds = [ground_of(motion, *given) for motion in motions]
+    left = [ground.motion for ground in grounds]
+    return grounds_of(grounds, [motion.record_start for motion in left]), left
 
 
 def results_of_runs(
@@ -309,20 +318,22 @@ def results_of_runs(
     motions: Sequence[Motion],
     factors: Sequence[float],
     *,
-    far: Far = None,
+    wave_speed: float | None = None,
+    bases: Bases | None = None,
     **given,
-) -> tuple[Outcomes, np.ndarray]:
-    """Simulate many runs; return the results of the kernels, and the wall time of each run [s].
+) -> tuple[Outcomes, np.ndarray, np.ndarray]:
+    """Simulate many runs; return the results of the kernels, wall times and starts of records [s].
 
-    The results have a row for each run. `given` are other arguments of `simulate`. The wall time
-    of all runs is shared among them by their numbers of steps.
+    They have a row for each run. `given` are other arguments of `simulate`. The wall time of all
+    runs is shared among them by their numbers of steps. A record starts later than its motion
+    states if a base moves before the left one.
     """
-    info, options = _checked_call(arch, motions, factors, far, **given)
+    info, options = _checked_call(arch, motions, factors, wave_speed, bases, **given)
     arguments.check_compiled(plain=False)
     check_stands(arch)
     unique = list(dict.fromkeys(motions))
     motion = np.array([unique.index(each) for each in motions], int)
-    grounds = _grounds(unique, far)
+    grounds, _ = _grounds(unique, arch, wave_speed, bases)
     factor = np.array(factors, float)
     started = time.perf_counter()
     run: Any = info.load("run_many")
@@ -330,7 +341,7 @@ def results_of_runs(
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
-    return results, spent * work / work.sum()
+    return results, spent * work / work.sum(), grounds.noted[motion]
 
 
 def simulate_runs(
@@ -346,7 +357,9 @@ def simulate_runs(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UnitWarning)
             return [simulate(arch, *each, method=method, **given) for each in pairs]
-    results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
+    results, wall_time, _ = results_of_runs(
+        arch, motions, factors, method=method, **given
+    )
     return [
         response_of(results, row, method, each)
         for row, each in enumerate(wall_time.tolist())
@@ -364,7 +377,8 @@ def simulate_many(
 ) -> xarray.Dataset:
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
-    Each run has the same results, to the last bit, as `simulate` without a history.
+    Each run has the same results, to the last bit, as `simulate` without a history. Of a bridge
+    there is also `collapse_place`, the name of the joint.
 
     Parameters
     ----------
@@ -374,7 +388,7 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate`, with far, follow and loss_limit.
+        As for `archfrag.simulate`, with wave_speed, bases, follow and loss_limit.
 
     Returns
     -------
@@ -417,6 +431,9 @@ def simulate_many(
             values = [status.name.lower() for status in values]
         unit = UNITS.get(name.split("_")[-1], "1")
         variables[name] = "run", np.array(values), {"units": unit}
+    if arch.places:
+        joints = variables["collapse_joint"][1]
+        variables["collapse_place"] = "run", np.array([*arch.places, ""])[joints]
     return xarray.Dataset(
         variables, coords={"factor": ("run", scales)}, attrs={"method": method}
     )

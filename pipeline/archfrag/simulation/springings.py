@@ -1,9 +1,10 @@
-"""Springings that have moved before a record, and springings with motions of their own.
+"""Bases that have moved before a record, and bases with motions of their own.
 
-An arch follows a slow movement of a springing in equilibrium, or falls.
+An arch follows a slow movement of a base in equilibrium, or falls.
 """
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,28 +14,28 @@ from archfrag.arch.checks import FloatArray
 from archfrag.arch.quasi_static import HOLDS, STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
 from archfrag.motions.motion import Motion
-from archfrag.simulation.arguments import check_number
+from archfrag.simulation.arguments import base_positions, check_number
 from archfrag.simulation.rest import onset
 from archfrag.simulation.standing import check_stands
 
-# motion of the right springing, or how much later it is [s]
-Far = Motion | float | None
-LATEST = 60.0  # [s]
+# own motions of bases by name, or how much later they have that of the left one [s]
+Bases = Mapping[str, Motion | float]
 
 
 class Ground(NamedTuple):
     """A ground motion for kernels."""
 
-    horizontal: FloatArray  # (n,) acceleration of the left springing [m/s2]
+    horizontal: FloatArray  # (n,) acceleration of the left base [m/s2]
     vertical: FloatArray | None  # (n,) upwards
     dt: float  # [s]
-    # (n, 2) x, y: acceleration of the right springing less that of the left one; None if alike
-    apart: FloatArray | None = None
-    noted: float = 0.0  # when a run notes whether the arch still moves; 0: never [s]
+    # (n, n_base, 2) x, y: accelerations of the other bases less that of the left one; None if all
+    # move alike
+    apart: FloatArray | None
+    motion: Motion  # of the left base
 
 
 class SpringingPath(NamedTuple):
-    """What `springing_path` finds of an arch while one of its springings moves."""
+    """What `springing_path` finds of an arch while one of its bases moves."""
 
     part: FloatArray  # (n,) of the movement, from 0 to 1
     plus: FloatArray  # (n,) onset with the ground accelerating towards +x [g]
@@ -60,13 +61,15 @@ def springing_path(
     ----------
     arch : Arch
     spread : float
-        Movement away from the other springing [m]; negative towards it.
+        Movement of the left base towards -x, of any other towards +x [m]: of an end away from the
+        other one.
     settlement : float
         Movement downwards [m].
     rotation : float
-        About the middle of the springing joint, positive if its extrados goes down [degrees].
+        About the middle of the base's joint, of the left base anticlockwise, of any other
+        clockwise [degrees]: positive if the extrados of a springing goes down.
     springing : str
-        Which one moves: "left" or "right"; of an arch on piers the base of that pier.
+        Name of the base that moves: "left", "pier 1" and so on, "right".
 
     Returns
     -------
@@ -87,18 +90,17 @@ def springing_path(
     >>> path.limit, bool(path.plus[-1] < path.plus[0])
     (inf, True)
     """
-    right = springing == "right"
-    if springing not in ("left", "right") or (right and arch.free_end):
-        raise InputError(
-            f"springing = {springing!r} must be left{'' if arch.free_end else ' or right'}"
-        )
+    names = list(arch.bases)
+    if springing not in names:
+        raise InputError(f"springing = {springing!r} must be {' or '.join(names)}")
+    base = names.index(springing)
     size = arch.extent.max()
     check_number("spread", spread, -size, size, "m")
     check_number("settlement", settlement, -size, size, "m")
     check_number("rotation", rotation, -45.0, 45.0, "degrees")
     check_stands(arch)
     slow = SlowArch(arch)
-    outwards = 1.0 if right else -1.0
+    outwards = 1.0 if base else -1.0
     move = np.array([outwards * spread, -settlement])
     turn = -outwards * math.radians(rotation)
     steps = max(np.abs(move).max() / slow.length, abs(turn)) / STEP
@@ -106,7 +108,7 @@ def springing_path(
     ranges = [slow.rest_range()]
     limit = math.inf
     for part in parts[1:]:
-        slow.place(right, part * move, part * turn)
+        slow.place(base, part * move, part * turn)
         made, _ = slow.step()
         now = slow.rest_range()
         stands = made and min(now) >= 0.0
@@ -181,37 +183,70 @@ def _crossing(before: float, after: float, held: float, margin: float) -> float:
     return before + (after - before) * held / (held - margin)
 
 
-def ground_of(motion: Motion, far: Far) -> Ground:
-    """Return the ground motion for kernels.
+def own_motions(
+    arch: Arch, wave_speed: float | None = None, bases: Bases | None = None
+) -> dict[str, Motion | float]:
+    """Return the motion of each base, or its delay behind the left one [s], by its name.
 
-    `far` is the motion of the right springing, or its delay behind the left one [s]. InputError if
-    its time step differs, or the delay is not from 0 to 60 s.
+    `wave_speed` and `bases` are those of `simulate`.
     """
-    own = motion.acceleration, motion.vertical, motion.dt
-    ground = Ground(*own, noted=motion.record_start)
-    if far is None:
-        return ground
-    if not isinstance(far, Motion):
-        check_number("far", far, 0.0, LATEST, "s")
-        size = len(motion.acceleration) + math.ceil(far / motion.dt)
-        time = motion.dt * np.arange(size) - far
-        far = motion.changed(
-            lambda wave: np.interp(time, motion.time, wave, 0.0, 0.0), "Delayed."
-        )
-    elif far.dt != motion.dt:
-        raise InputError(
-            f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
-            "must be equal"
-        )
-    size = max(len(motion.acceleration), len(far.acceleration))
+    places = base_positions(arch)
+    if wave_speed is None:
+        return {name: (bases or {}).get(name, 0.0) for name in places}
+    return {name: (x - places["left"]) / wave_speed for name, x in places.items()}
 
-    def padded(wave: FloatArray | None) -> FloatArray:
-        return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
 
-    x = padded(motion.acceleration)
-    y = padded(motion.vertical)
-    apart = np.column_stack([padded(far.acceleration) - x, padded(far.vertical) - y])
+def ground_of(
+    motion: Motion,
+    arch: Arch,
+    wave_speed: float | None = None,
+    bases: Bases | None = None,
+) -> Ground:
+    """Return a ground motion of an arch for kernels; the arguments are those of `simulate`.
+
+    A delayed acceleration is interpolated linearly at the samples of `motion`, so that it is exact
+    there. If a base moves before the left one, all motions begin later, by whole samples of zeros.
+    InputError if the motion of a base has another time step.
+    """
+    dt = motion.dt
+    own = own_motions(arch, wave_speed, bases)
+    delays = [given for given in own.values() if not isinstance(given, Motion)]
+    lead = math.ceil(-min(delays, default=0.0) / dt)
+    left = motion
+    if lead:
+        start = motion.record_start
+        left = motion.changed(
+            lambda wave: np.pad(wave, (lead, 0)),
+            f"Begins {lead * dt:g} s later; another base moves before.",
+            record_start=start + lead * dt if start else 0.0,
+        )
+    waves = []
+    for name, given in own.items():
+        late, delay = (given, 0.0) if isinstance(given, Motion) else (motion, given)
+        if late.dt != dt:
+            raise InputError(
+                f"bases: the motion of {name} has a time step of {late.dt:g} s and the motion of "
+                f"the left base one of {dt:g} s; they must be equal"
+            )
+        both = late.acceleration, late.vertical
+        waves.append([_delayed(wave, dt, lead, delay) for wave in both])
+    table = np.zeros((len(waves), 2, max(x.size for x, _ in waves)))
+    for row, pair in zip(table, waves):
+        for c, wave in enumerate(pair):
+            row[c, : wave.size] = wave
+    apart = table[1:] - table[0]
     if not apart.any():  # motions that are equal are one
-        return ground
-    flat = motion.vertical is None and far.vertical is None
-    return ground._replace(horizontal=x, vertical=None if flat else y, apart=apart)
+        return Ground(left.acceleration, left.vertical, dt, None, left)
+    vertical = table[0, 1] if any(y.size for _, y in waves) else None
+    return Ground(table[0, 0], vertical, dt, np.moveaxis(apart, 2, 0), left)
+
+
+def _delayed(wave: FloatArray | None, dt: float, lead: int, delay: float) -> FloatArray:
+    """Return samples, `dt` apart [s], that come `lead` samples and `delay` [s] later."""
+    if wave is None:
+        return np.zeros(0)
+    if not delay:
+        return np.pad(wave, (lead, 0))
+    later = lead * dt + delay
+    time = dt * np.arange(len(wave) + math.ceil(later / dt)) - later
+    return np.interp(time, dt * np.arange(len(wave)), wave, 0.0, 0.0)

@@ -15,6 +15,7 @@ limit of infinite stiffness.
 from typing import NamedTuple
 
 from archfrag.physics.contact.laws import contact_of, touching
+from archfrag.physics.contact.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
@@ -67,8 +68,8 @@ def _set_rows_of(j, model, position, work):
     pressing = select(sticks, 1.0, model.ray[j, 0])
     fx = pressing * nx - along * ny
     fy = pressing * ny + along * nx
-    i = model.body[j, 0]
-    k = model.body[j, 1]
+    i = row_of(model, j, 0)
+    k = row_of(model, j, 1)
     about = position[k, 0], position[k, 1], position[i, 0], position[i, 1]
     _set_row(work.row, j, 0, (px, py), (nx, ny), about)
     _set_row(work.column, j, 0, (px, py), (fx, fy), about)
@@ -91,7 +92,6 @@ def _set_rows_of(j, model, position, work):
 def set_rows(model, position, work):
     """Set the constrained and reaction directions of all joints in their present modes.
 
-    Reads: model (body, ray), position, work (contact, normal, pivot, point, side_normal, slide).
     Writes: work (column, row).
     """
     for j in range(work.slide.shape[0]):
@@ -148,8 +148,8 @@ def _set_diagonal(model, work, j, compliance):
     row = work.row
     column = work.column
     f = work.block
-    i = model.body[j, 0]
-    k = model.body[j, 1]
+    i = row_of(model, j, 0)
+    k = row_of(model, j, 1)
     both = model.inverse_mass[k] + model.inverse_mass[i]
     after = model.inverse_inertia[k]
     before = model.inverse_inertia[i]
@@ -191,10 +191,10 @@ def _eliminate_bed(model, work, j):
     row = work.row
     column = work.column
     f = work.block
-    bed = model.bed[j]
-    top = model.body[bed, 1]
+    bed = bed_of(model, j)
+    top = row_of(model, bed, 1)
     # The course lies after the bed, and after or before the joint.
-    arm = 2 if model.body[j, 1] == top else 3
+    arm = 2 if row_of(model, j, 1) == top else 3
     sense = 1.0 if arm == 2 else -1.0
     mass = sense * model.inverse_mass[top]
     inertia = sense * model.inverse_inertia[top]
@@ -219,8 +219,8 @@ def _eliminate_bed(model, work, j):
 @inlined
 def _eliminate(model, work, j):
     """Eliminate joint ``j - 1`` from the block of joint `j`."""
-    i = model.body[j, 0]
-    forked = model.bed[j] >= 0 and model.bed[j] == model.bed[j - 1]
+    i = row_of(model, j, 0)
+    forked = is_behind_fork(model, j)
     row = work.row
     column = work.column
     f = work.block
@@ -282,9 +282,9 @@ def factorise_block(f, j):
 @inlined
 def _factorise_joint(j, model, work, compliance):
     _set_diagonal(model, work, j, compliance)
-    if model.bed[j] >= 0:
+    if bed_of(model, j) >= 0:
         _eliminate_bed(model, work, j)
-    if j > 0 and model.body[j, 0] == model.body[j - 1, 1]:
+    if follows(model, j):
         _eliminate(model, work, j)
     factorise_block(work.block, j)
 
@@ -293,8 +293,7 @@ def _factorise_joint(j, model, work, compliance):
 def factorise(model, work, compliance):
     """Factorise the system whose rows and columns are set, block by block.
 
-    Reads: model (inverse_inertia, inverse_mass), work (block, column, lower, row, upper).
-    Writes: work (block, lower, upper).
+    Writes: work (block, fork, lower, upper).
     """
     for j in range(work.slide.shape[0]):
         _factorise_joint(j, model, work, compliance)
@@ -306,7 +305,7 @@ def set_up(model, position, work, compliance, first):
 
     Both are done in one sweep.
 
-    Writes: work (block, column, lower, row, upper).
+    Writes: work (block, column, fork, lower, row, upper).
     """
     for j in range(first, work.slide.shape[0]):
         _set_rows_of(j, model, position, work)
@@ -323,8 +322,8 @@ def _add_reaction(j, of, model, position, work):
     fy = dot(of, _down(column, j, 1))
     after = dot(of, _down(column, j, 2))
     before = dot(of, _down(column, j, 3))
-    i = model.body[j, 0]
-    k = model.body[j, 1]
+    i = row_of(model, j, 0)
+    k = row_of(model, j, 1)
     px = work.pivot[j, 0] - position[k, 0]
     py = work.pivot[j, 1] - position[k, 1]
     reaction[j, 0] += fx
@@ -372,7 +371,7 @@ def substitute(model, position, work, where):
         x = -residual[j, 0] - dot(_along(lower, j, 0), known)
         y = -residual[j, 1] - dot(_along(lower, j, 1), known)
         z = -residual[j, 2] - dot(_along(lower, j, 2), known)
-        bed = model.bed[j]
+        bed = bed_of(model, j)
         if bed >= 0:
             known = out[bed, 0], out[bed, 1], out[bed, 2]
             x -= dot(_of_fork(work, j, 0, 0), known)
@@ -388,7 +387,7 @@ def substitute(model, position, work, where):
             x = out[j, 0] - dot(_along(upper, j, 0), known)
             y = out[j, 1] - dot(_along(upper, j, 1), known)
             z = out[j, 2] - dot(_along(upper, j, 2), known)
-        bed = model.bed[j]
+        bed = bed_of(model, j)
         if bed >= 0:
             for c in range(3):
                 out[bed, c] -= dot(_of_fork(work, j, 1, c), (x, y, z))

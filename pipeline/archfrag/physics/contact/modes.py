@@ -142,7 +142,7 @@ def velocity_scale(model, position, work):
     It is at least what rounding leaves of the bodies' velocities, for a chain in flight that moves
     as one body. ``work.relative`` is overwritten.
 
-    Reads: position, work (candidate, free, pivot, point, relative).
+    Reads: model.body, position, work (candidate, free, pivot, point, relative).
     Writes: work.relative.
     """
     relative_velocity(model, position, work.free, work.pivot, work.relative)

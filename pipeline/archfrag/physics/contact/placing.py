@@ -7,6 +7,7 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 import math
 
 from archfrag.physics.contact.laws import MINUS, PLUS, along, cross, touching
+from archfrag.physics.contact.neighbours import row_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import choose, larger, sine_cosine, smaller
@@ -41,7 +42,7 @@ def move_faces(model, position, work):
         work.rotated[i, 1], work.rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
         for side in range(2):
-            i = model.body[j, side]
+            i = row_of(model, j, side)
             for k in range(2):
                 x = model.corner[j, side, k, 0]
                 x, y = outwards(work, i, x, model.corner[j, side, k, 1])
@@ -239,8 +240,8 @@ def corner_rate_at(j, px, py, model, position, velocity):
 
     It is that at the point (px, py).
     """
-    ax, ay = _velocity_at(model.body[j, 1], px, py, position, velocity)
-    bx, by = _velocity_at(model.body[j, 0], px, py, position, velocity)
+    ax, ay = _velocity_at(row_of(model, j, 1), px, py, position, velocity)
+    bx, by = _velocity_at(row_of(model, j, 0), px, py, position, velocity)
     return ax - bx, ay - by
 
 
@@ -250,7 +251,7 @@ def turn_of(j, model, of):
 
     Column 2 of `of` has rotations or their rates.
     """
-    return of[model.body[j, 1], 2] - of[model.body[j, 0], 2]
+    return of[row_of(model, j, 1), 2] - of[row_of(model, j, 0), 2]
 
 
 @kernel

@@ -18,6 +18,7 @@ import math
 
 from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.laws import along, cross
+from archfrag.physics.contact.neighbours import row_of
 from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
@@ -286,8 +287,8 @@ def _answer(model, position, work, t, where):
     _pull(model, t, 1.0, work, solved)
     for _ in range(2):  # what the compliance of the rows leaves is corrected once
         for j in range(work.slide.shape[0]):
-            i = model.body[j, 0]
-            k = model.body[j, 1]
+            i = row_of(model, j, 0)
+            k = row_of(model, j, 1)
             ux = solved[k, 0] - solved[i, 0]
             uy = solved[k, 1] - solved[i, 1]
             for a in range(3):

@@ -225,7 +225,9 @@ def pose_accelerations(run, ground):
     work = run.work
     jammed = False
     copy_modes(state, work)
-    placing.relative_velocity(model, state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(
+        model, state.position, state.velocity, work.pivot, work.relative
+    )
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
         slips = abs(rate) > SLIPPING * run.motion.speed
@@ -238,7 +240,9 @@ def pose_accelerations(run, ground):
             work.slide[j] = 0.0
     set_free(model, ground, work.free)
     pull_bodies(model, state, work)
-    centripetal_bias(model, state.position, state.velocity, state.slip, work.known, work)
+    centripetal_bias(
+        model, state.position, state.velocity, state.slip, work.known, work
+    )
     return jammed
 
 

@@ -243,7 +243,6 @@ class StructType(types.Type):
 _TYPES: dict[Any, Any] = {
     "f8": types.float64,
     "i8": types.int64,
-    "u8": types.uint64,
     "b1": types.boolean,
     "none": types.none,
     "i4": types.int32,

@@ -190,5 +190,5 @@ def _fill(table, place: int, of, shape: tuple[int, ...], entry) -> None:
         table[place] = entry.address
     elif of == "f8":
         table.view(np.float64)[place] = entry
-    elif of[0] != "kernel":
+    elif of[0] != "kernel" and entry is not None:
         table[place] = int(entry)

@@ -70,9 +70,10 @@ def new_mega_voussoirs(model: Model, state: State | None = None) -> MegaVoussoir
     """Return the workspace for any mega-voussoirs of a chain, with the ties of `state`."""
     n_row = model.mass.size
     n_joint = model.friction.size
-    copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
-    kept = ("ahead", "bed", "body", "end", "gravity", "rounding", "tie")
-    copies |= {name: getattr(model, name) for name in kept}
+    given = model._asdict()
+    arrays_of = {k: v for k, v in given.items() if isinstance(v, np.ndarray)}
+    copies = given | {name: np.zeros_like(each) for name, each in arrays_of.items()}
+    copies["tie"] = model.tie
     indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
     indices |= {name: np.zeros(n_row, np.int64) for name in ("first", "last", "group")}
     arrays = {name: np.zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}

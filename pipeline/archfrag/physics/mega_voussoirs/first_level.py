@@ -47,7 +47,6 @@ def centripetal_bias(model, position, velocity, slips, sense, work):
     rotating face, twice the product of both rates. `sense` is the sense of friction of slips in
     progress, zero where there is none.
 
-    Reads: model.body, position, velocity, slips, sense, work (contact, normal, point, side_normal).
     Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):

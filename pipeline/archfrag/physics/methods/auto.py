@@ -9,6 +9,7 @@
    can goes this way, too: a slip in progress keeps its sense, where a step may lock it.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows,
    or whose contacts were not solved, is made again by the other method, and then by equal steps.
+   Several spans go by steps only.
    If none of them holds the tolerance, the run is refused.
 
 The mechanism log of a run states which of the methods moved it when.
@@ -79,6 +80,8 @@ def _attempts(
     # Equal steps at once are made again by shorter ones.
     equal = (options if grows else shorter)._replace(largest_step=0.0)
     last = [(stepper, options), (stepper, equal)]
+    if chain.body is not None:
+        return last
     if by_events:
         close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
         return [(events, options._replace(time_step=steady, crowding=close)), *last]

@@ -84,9 +84,9 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-# Methods that take joints that give. Their equal steps are this part of the largest step with
+# Methods that take joints that give, and several spans. With such joints their equal steps are this part of the largest step with
 # rigid joints.
-OF_FACES = (AUTO, "time_stepping")
+BY_STEPS = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.ground import Impulse
-from archfrag.physics.interface import Chain
+from archfrag.physics.interface import Chain, pairs_of
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.numbers import larger
 from archfrag.physics.state import KEPT, Clock, Model, model_of
@@ -60,6 +60,7 @@ def first_frequency(model: Model, chain: Chain) -> float:
     assert chain.joint is not None
     n_row = model.mass.size
     bodies = slice(1, model.end)
+    pair = pairs_of(len(chain.joint), chain.body)
     kept = []
     for j, (k, along, _, points) in enumerate(chain.joint.tolist()):
         length = float(model.length[j])
@@ -74,7 +75,7 @@ def first_frequency(model: Model, chain: Chain) -> float:
             for side, sign in enumerate((-1.0, 1.0)):
                 x, y = model.corner[j, side].mean(axis=0)
                 turns = sign * (w + x * dy - y * dx)
-                row[model.body[j, side]] = sign * dx, sign * dy, turns
+                row[pair[j, side] + 1] = sign * dx, sign * dy, turns
             kept.append(math.sqrt(size) * row[bodies].ravel())
     inverse = np.stack(
         [model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1
@@ -115,7 +116,7 @@ def settle(runs, period, limit):
     state = runs.state
     work = runs.work
     step = FIRST_STEP * period
-    still = Impulse(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    still = Impulse(0.0, 0.0)
     for _ in range(MOST_STEPS):
         state.velocity[:] = 0.0
         state.clock[Clock.STEP] = step
@@ -126,7 +127,9 @@ def settle(runs, period, limit):
         if not solved:
             step *= 0.25
             continue
-        relative_velocity(runs.model, work.position, work.solved, work.pivot, work.relative)
+        relative_velocity(
+            runs.model, work.position, work.solved, work.pivot, work.relative
+        )
         stored = moved = away = 0.0
         for j in range(state.slip.size):
             stored += remember(j, runs, (step, step), True)[0]

@@ -44,7 +44,7 @@ from archfrag.physics.steps.service import (
 from archfrag.physics.steps.step import (
     count_change,
     move_to_middle,
-    record_far_work,
+    record_base_work,
     set_step,
     take_step,
 )
@@ -107,7 +107,9 @@ def pose_faces(runs, step):
     move_faces(model, work.position, work)
     for j in range(state.slip.size):
         _place_joint(j, model, work, own)
-    relative_velocity(runs.model, work.position, state.velocity, work.pivot, work.earlier)
+    relative_velocity(
+        runs.model, work.position, state.velocity, work.pivot, work.earlier
+    )
     for j in range(state.slip.size):
         x, y, turns = three(work.earlier, j)
         opens, rate = parts_of(j, work, x, y)
@@ -323,7 +325,7 @@ def accept_faces(runs, impulse, where):
     """Take a solved step of joints that give; return where the chain has collapsed."""
     state = runs.state
     work = runs.work
-    record_far_work(state, work, where)
+    record_base_work(runs, where)
     lost = False
     for j in range(state.slip.size):
         count_change(j, state, work, where)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
+from archfrag.physics.contact.neighbours import ahead_of, end_of, row_of
 from archfrag.physics.contact.placing import corner_rate_at, turn_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
@@ -193,9 +194,9 @@ def _add_side(j, side, sense, runs, size, coupling):
     multiplies stiffnesses.
     """
     own = runs.own
-    i = runs.model.body[j, side]
+    i = row_of(runs.model, j, side)
     arm = _arm_of(j, i, runs.work)
-    other = _arm_of(j, runs.model.body[j, 1 - side], runs.work)
+    other = _arm_of(j, row_of(runs.model, j, 1 - side), runs.work)
     force = runs.work.reaction
     fx = sense * force[j, 0]
     fy = sense * force[j, 1]
@@ -246,7 +247,7 @@ def balance(runs, step, b):
         _set_stiffness(j, runs, step, b)
         _add_joint(j, runs, step, b)
     square = slope = 0.0 * step
-    for i in range(1, model.end):
+    for i in range(1, end_of(model, work.solved)):
         left = three(own.left, i)
         x, y, z = left
         square += model.inverse_mass[i] * (x * x + y * y) + model.inverse_inertia[i] * (
@@ -282,23 +283,23 @@ def newton_step(model, own, where):
     Return the slope of the energy along it. Each body is eliminated from the one that
     ``model.ahead`` names, so that piers come before the spine.
 
-    Reads: model (ahead, end), own (block, change, forward, left, lower, upper).
+    Reads: model.ahead, own (block, change, forward, left, lower, upper).
     Writes: own (block, change, forward, upper).
     """
+    end = end_of(model, own.block)
     block = own.block
     upper = own.upper
     forward = own.forward
-    for i in range(1, model.end):
+    for i in range(1, end):
         for c in range(3):
             forward[i, c] = own.left[i, c]
-    for i in range(1, model.end):
+    for i in range(1, end):
         factorise_block(block, i)
         f = block_of(block, i)
         known = solve_block(f, forward[i, 0], forward[i, 1], forward[i, 2])
         forward[i, 0], forward[i, 1], forward[i, 2] = known
-        j = model.ahead[i, 0]
-        k = model.ahead[i, 1]
-        if k != model.end:
+        j, k = ahead_of(model, i)
+        if k < end:
             for c in range(3):
                 solved = solve_block(f, upper[j, 0, c], upper[j, 1, c], upper[j, 2, c])
                 upper[j, 0, c], upper[j, 1, c], upper[j, 2, c] = solved
@@ -307,10 +308,9 @@ def newton_step(model, own, where):
             x, y, z = _less(forward, k, own.lower, j, known)
             forward[k, 0], forward[k, 1], forward[k, 2] = x, y, z
     slope = 0.0 * forward[1, 0]
-    for i in range(model.end - 1, 0, -1):
-        j = model.ahead[i, 0]
-        k = model.ahead[i, 1]
-        if k != model.end:
+    for i in range(end - 1, 0, -1):
+        j, k = ahead_of(model, i)
+        if k < end:
             known = _less(forward, i, upper, j, three(forward, k))
             forward[i, 0], forward[i, 1], forward[i, 2] = known
         x, y, z = three(forward, i)
@@ -334,7 +334,7 @@ def find_velocities(runs, step, b, balanced, live):
     state = runs.state
     work = runs.work
     own = runs.own
-    end = model.end
+    end = end_of(model, work.solved)
     mass = 0.0
     for i in range(1, end):
         mass += model.mass[i]

@@ -15,7 +15,7 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.placing import move_faces
-from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
+from archfrag.physics.ground import Grounds, end_of_motion, move_ground
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.primitives import LANES, lane, lane_array, some
@@ -50,9 +50,7 @@ def try_step(runs, live):
     Return the impulse of the ground, and the masks solved and unsolved. A run in neither has had
     its step shortened, or its step is not done yet.
     """
-    clock = runs.state.clock
-    time = clock[Clock.TIME]
-    impulse = impulse_between(runs.grounds, clock, time, time + clock[Clock.STEP])
+    impulse = move_ground(runs)
     pose_step(runs, impulse)
     solved, unsolved = runs.law.solve(runs, live)
     return impulse, solved, unsolved

@@ -24,7 +24,12 @@ from archfrag.physics.contact.ties import (
     recall_pulls,
 )
 from archfrag.physics.energy import kinetic_energy, record_work
-from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
+from archfrag.physics.ground import (
+    end_of_motion,
+    end_rest,
+    impulse_between,
+    move_ground,
+)
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select, some
 from archfrag.physics.numbers import flag, nearest
@@ -335,8 +340,7 @@ def handle_unsolved(runs, output):
     state = runs.state
     clock = state.clock
     options = runs.options
-    time = clock[Clock.TIME]
-    impulse = impulse_between(runs.grounds, clock, time, time + clock[Clock.STEP])
+    impulse = move_ground(runs)
     pose_step(runs, impulse)
     solved, compliant = solve_with_fallback(runs.model, state, runs.work, runs.path)
     if solved:

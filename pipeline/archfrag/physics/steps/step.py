@@ -23,6 +23,7 @@ import math
 
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import placing
+from archfrag.physics.contact.neighbours import end_of, row_of
 from archfrag.physics.contact.ties import accept_pulls, aim_pulls
 from archfrag.physics.energy import (
     kinetic_energy,
@@ -80,8 +81,8 @@ def bend_of(j, k, model, velocity, work):
 
     It is the centripetal one of both bodies, and that of Coriolis where a vertex slides on a face.
     """
-    i = model.body[j, 0]
-    m = model.body[j, 1]
+    i = row_of(model, j, 0)
+    m = row_of(model, j, 1)
     after = velocity[m, 2]
     before = velocity[i, 2]
     place = work.position
@@ -125,8 +126,8 @@ def aim_contacts(model, state, work, step, shortest):
     half = 0.5 * step
     for j in range(work.slip.size):
         nx, ny = normal_of(j, work)
-        before = velocity[model.body[j, 0], 2]
-        spin = larger(abs(before), abs(velocity[model.body[j, 1], 2]))
+        before = velocity[row_of(model, j, 0), 2]
+        spin = larger(abs(before), abs(velocity[row_of(model, j, 1), 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
         for k in range(2):
@@ -163,7 +164,7 @@ def free_fall(model, state, work, impulse, span):
     `impulse` is that of the ground motion in that time.
     """
     fall = impulse.y + span * model.gravity
-    for i in range(1, model.end):
+    for i in range(1, end_of(model, state.position)):
         work.free[i, 0] = state.velocity[i, 0] - impulse.x
         work.free[i, 1] = state.velocity[i, 1] - fall
         work.free[i, 2] = state.velocity[i, 2]
@@ -172,7 +173,7 @@ def free_fall(model, state, work, impulse, span):
 @inlined
 def move_to_middle(model, state, work, step):
     """Move bodies to the middle of a step."""
-    for i in range(1, model.end):
+    for i in range(1, end_of(model, state.position)):
         for c in range(3):
             work.position[i, c] = (
                 state.position[i, c] + 0.5 * step * state.velocity[i, c]
@@ -184,7 +185,9 @@ def go_to_middle(model, state, work, step):
     """Move bodies, faces and slips to the middle of a step."""
     move_to_middle(model, state, work, step)
     placing.place_chain(model, work.position, state, 0.0, work.slip, work)
-    placing.relative_velocity(model, work.position, state.velocity, work.pivot, work.earlier)
+    placing.relative_velocity(
+        model, work.position, state.velocity, work.pivot, work.earlier
+    )
 
 
 @inlined
@@ -217,14 +220,13 @@ def carry_on(model, state, work, span):
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
 
-    Reads: model (inverse_inertia, inverse_mass), state (force, slip), work (pivot, position).
     Writes: work.free.
     """
     for j in range(state.slip.size):
         fx = span * state.force[j, 0]
         fy = span * state.force[j, 1]
         for side, sense in ((1, 1.0), (0, -1.0)):
-            end = model.body[j, side]
+            end = row_of(model, j, side)
             px = work.pivot[j, 0] - work.position[end, 0]
             py = work.pivot[j, 1] - work.position[end, 1]
             moment = span * state.force[j, 2] + px * fy - py * fx
@@ -249,18 +251,9 @@ def pose_contacts(runs, step):
 
 @kernel
 def pose_step(runs, impulse):
-    """Move the far springing to the middle of the next step, and pose that step."""
-    state = runs.state
-    work = runs.work
-    step = state.clock[Clock.STEP]
-    free_fall(runs.model, state, work, impulse, step)
-    end = state.position.shape[0] - 1
-    work.position[end, 0] = impulse.far_x
-    work.position[end, 1] = impulse.far_y
-    state.velocity[end, 0] = impulse.before_x
-    state.velocity[end, 1] = impulse.before_y
-    work.free[end, 0] = impulse.after_x
-    work.free[end, 1] = impulse.after_y
+    """Pose the next step, after `archfrag.physics.ground.move_ground`."""
+    step = runs.state.clock[Clock.STEP]
+    free_fall(runs.model, runs.state, runs.work, impulse, step)
     runs.law.pose(runs, step)
 
 
@@ -272,22 +265,20 @@ def _mean_velocity(i, state, work):
 
 
 @inlined
-def record_far_work(state, work, where):
-    """Record the work of the far springing, and take its velocity.
-
-    Nothing is done if no joint bears on it.
-    """
-    last = state.slip.size - 1
-    end = state.position.shape[0] - 1
-    if last < end - 1:
+def record_base_work(runs, where):
+    """Record the work of bases that move relative to the left one."""
+    if runs.grounds.far.shape[0] == 0:
         return
-    x, y = _mean_velocity(end, state, work)
-    given = work.reaction[last, 0] * x + work.reaction[last, 1] * y
-    state.energy[Energy.GROUND] -= select(where, given, 0.0)
-    for c in range(2):
-        state.velocity[end, c] = select(
-            where, work.solved[end, c], state.velocity[end, c]
-        )
+    model = runs.model
+    state = runs.state
+    work = runs.work
+    for j in range(state.slip.size):
+        for side, sense in ((0, 1.0), (1, -1.0)):
+            i = row_of(model, j, side)
+            if i >= model.end:
+                x, y = _mean_velocity(i, state, work)
+                given = work.reaction[j, 0] * x + work.reaction[j, 1] * y
+                state.energy[Energy.GROUND] += select(where, sense * given, 0.0)
 
 
 @inlined
@@ -368,7 +359,7 @@ def record_motion(model, state, where):
     spoiled = farthest
     position = state.position
     start = model.start
-    for i in range(1, model.end):
+    for i in range(1, end_of(model, state.position)):
         dx = position[i, 0] - start[i, 0]
         dy = position[i, 1] - start[i, 1]
         farthest = larger(farthest, dx * dx + dy * dy)
@@ -412,12 +403,11 @@ def take_step(runs, impulse, where):
     state = runs.state
     work = runs.work
     step = state.clock[Clock.STEP]
+    given = 0.0
     for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    given = 0.0
-    for i in range(1, state.position.shape[0] - 1):
         x, y = _mean_velocity(i, state, work)
         given -= runs.model.mass[i] * (impulse.x * x + impulse.y * y)
         for c in range(3):
@@ -490,7 +480,7 @@ def accept_contacts(runs, impulse, where):
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
     record_step(state, work, where)
-    record_far_work(state, work, where)
+    record_base_work(runs, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
     return make_step(runs, impulse, where)

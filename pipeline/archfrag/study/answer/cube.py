@@ -2,6 +2,8 @@
 
 import platform
 import re
+from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.files import Named, counted, make_folder, replacing
 from archfrag.fragility.verdicts import Verdict
@@ -114,13 +117,16 @@ def build_cube(
             values[each.name] = [np.nan if value is None else value for value in found]
     for each in (*COLUMNS, VARIABLES["model_time"]):
         values[each.name] = filled(table[each.name], float(each.missing))
+    built = [member.entry.build() for member in plan.arches]
+    if any(arch.places for arch in built):
+        values |= _places(built, values)
     if not (values["moving_before"] == 1).any():
         del values["moving_before"]
     values["lost_contact_and_stand"] = (
         np.isfinite(values["lost_contact_time"])
         & (values["verdict"] == Verdict.SURVIVED)
     ).sum(axis=1)
-    variables = _arch_variables(plan.arches)
+    variables = _arch_variables(plan.arches, built)
     variables |= {name: _variable(about[name], each) for name, each in values.items()}
     si = variables["intensity"]
     si.attrs["measure"] = asked.measure
@@ -182,9 +188,10 @@ def _variable(about, values) -> xr.Variable:
     encoding: Named = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.
-        length = max(1, *(len(text.encode()) for text in values))
+        texts = np.array(values, object)
+        length = max(1, *(len(text.encode()) for text in texts.flat))
         encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
-        return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
+        return xr.Variable(dimensions, texts, attrs, encoding)
     array = np.asarray(values, dtype=about.dtype)
     fill: Any = array.dtype.type(about.fill) if about.fill else None
     if about.flags:
@@ -206,10 +213,26 @@ def _variable(about, values) -> xr.Variable:
     return xr.Variable(dimensions, array, attrs, encoding)
 
 
-def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
+def _places(built: Sequence[Arch], values: Named) -> Named:
+    """Return the places and parts of the joints in the columns of a cube, by variable."""
+    found = defaultdict(list)
+    for number, arch in enumerate(built):
+        place = [*map(arch.place, range(arch.n_joint))]
+        part = [each.rpartition(", ")[0] or arch.parts[0].name for each in place]
+        for name, names in (
+            ("collapse_place", place),
+            ("collapse_part", part),
+            ("lost_contact_place", place),
+        ):
+            joint = values[f"{name.rpartition('_')[0]}_joint"][number]
+            found[name].append(np.array([*names, ""])[joint])  # -1 where none was lost
+    return {name: np.stack(each) for name, each in found.items()}
+
+
+def _arch_variables(arches: Members, built: Sequence[Arch]) -> dict[str, xr.Variable]:
     """Return the variables of arches: names, onsets, and the values and texts of their entries."""
-    built = [member.entry.build() for member in arches]
     rows = [member.row for member in arches]
+    spans = [len(arch.spans) for arch in built]
     starts = [onset(arch) for arch in built]
     # What a joint of rigid bodies would bear is no bound of one that gives.
     gives = [arch.chain.joint is not None for arch in built]
@@ -219,6 +242,7 @@ def _arch_variables(arches: Members) -> dict[str, xr.Variable]:
         **({"stock_row": rows} if any(rows) else {}),
         "onset_plus": np.where(gives, np.nan, [start.plus for start in starts]),
         "onset_minus": np.where(gives, np.nan, [start.minus for start in starts]),
+        **({"spans": spans} if max(spans) > 1 else {}),
         "static_limit": list(map(static_limit, built, starts)),
         "joint_length": [arch.dimensions[2] for arch in built],
     }

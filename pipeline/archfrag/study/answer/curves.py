@@ -610,7 +610,8 @@ def _onset_peaks(cube: xr.Dataset) -> FloatArray:
     """
     least = np.minimum(cube["onset_plus"].values, cube["onset_minus"].values)
     method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method", {})
-    known = not cube["record_vertical"].any() and method.get("delay") is None
+    alike = method.get("wave_speed") is None and not method.get("bases")
+    known = not cube["record_vertical"].any() and alike
     return STANDARD_GRAVITY * np.where(np.isfinite(least) & known, least, 0.0)
 
 

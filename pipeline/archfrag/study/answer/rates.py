@@ -1,5 +1,7 @@
 """Rates of collapse from curves and a hazard, and what contributes to them."""
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +65,7 @@ class ArchRisk:
         float  # fraction of the rate from below the lowest level with a collapse
     )
     by_mechanism: rates.Contributions
+    by_part: rates.Contributions | None  # by span and pier of a bridge
     onset: float | FloatArray = (
         0.0  # at or below it nothing moves; one value for each arch of a class [SI]
     )
@@ -185,13 +188,7 @@ def _arch_risk(
     runs: ArchRuns, fit: Curve, hazard: Hazard, confidence: float
 ) -> ArchRisk:
     """Find the rate of an arch or class, and divide it by level and mechanism."""
-    shape = runs.verdict.shape
-    pairs = np.stack(
-        [runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1
-    )
-    # Mechanisms are joint and mode: each pair has a number, which rises with both.
-    mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    levels, collapsed, code, ends = _on_levels(runs, code.reshape(shape))
+    levels, collapsed, code, ends, mechanisms = mechanisms_of(runs)
     onset = runs.onset(fit)
     rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
 
@@ -199,17 +196,14 @@ def _arch_risk(
         return rates.rate_by_level(hazard.main, fit, edges, onset)
 
     level_rate = rate_between(rates.level_edges(levels))
-    lowest = np.broadcast_to(runs.level, shape)[runs.collapsed].min(initial=ends[-1])
+    lowest = np.broadcast_to(runs.level, runs.verdict.shape)[runs.collapsed].min(
+        initial=ends[-1]
+    )
     whole = rate.rate or 1.0
     outer = (rate_between(np.unique(ends)) / whole).tolist()
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
-    labels = [
-        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}"
-        if joint >= 0
-        else "not known"  # of runs of another program
-        for joint, mode in mechanisms[kept].astype(int).tolist()
-    ]
+    labels = [mechanisms[each][0] for each in kept]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     return ArchRisk(
         runs.name,
@@ -226,8 +220,61 @@ def _arch_risk(
         by_mechanism=rates.contributions(
             collapsed, category, (*labels, OTHER), level_rate, groups=runs.group
         ),
+        by_part=parts_of(runs, level_rate),
         onset=onset,
     )
+
+
+def mechanisms_of(runs: ArchRuns) -> tuple[Any, ...]:
+    """Return what `_on_levels` does, and words and part of each mechanism.
+
+    A mechanism is a joint and the mode in which it lost contact. Its part is the span or pier in
+    which the joint lies.
+    """
+    cube = runs.cube
+    keys = ("collapse_joint", "collapse_mode")
+    joint, mode = (cube[key].values.ravel().astype(int) for key in keys)
+    place = np.array([""] * joint.size)
+    if "collapse_place" in cube:
+        place = cube["collapse_place"].values.ravel().astype(str)
+    rows = pd.MultiIndex.from_arrays([joint, mode, place])
+    # Each mechanism has a number, which rises with joint and mode.
+    code, own = rows.factorize(sort=True)
+    words = [
+        (
+            f"{at or f'joint {joint}'}, {CollapseMode(mode).name.lower().replace('_', '-')}"
+            if joint >= 0
+            else "not known",  # of runs of another program
+            at.rpartition(", ")[0] or "arch",
+        )
+        for joint, mode, at in own
+    ]
+    return *_on_levels(runs, code.reshape(runs.verdict.shape)), words
+
+
+def parts_of(
+    runs: ArchRuns, level_rate: FloatArray | None = None
+) -> rates.Contributions | None:
+    """Divide the collapses of bridges, or their rate, by the part in which contact was lost.
+
+    Parts are spans and piers, from left to right. Return None for arches of one part.
+    """
+    if "collapse_place" not in runs.cube:
+        return None
+    _, collapsed, code, _, mechanisms = mechanisms_of(runs)
+    names = np.array([part for _, part in mechanisms])[code]
+    parts = sorted({*names[collapsed].tolist()}, key=_order)
+    if not {*parts} - {"arch"}:
+        return None
+    kind = np.argmax(names == np.reshape(parts, (-1, 1, 1)), axis=0)
+    return rates.contributions(collapsed, kind, parts, level_rate, groups=runs.group)
+
+
+def _order(part: str) -> tuple[float, str]:
+    """Return a key that sorts parts from left to right."""
+    number = re.search(r"\d+", part)
+    outer = math.inf if part.startswith("right") else 0.0
+    return (int(number[0]) if number else outer), part[::-1]
 
 
 def losses_of(
@@ -329,7 +376,6 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Named:
             arches[name] = {"none": arch}
             continue
         rate = arch.rate
-        split = arch.by_mechanism
         probability, *band = rate.probability_in(risk.years)
         arches[name] = {
             "theta": arch.fit.theta / factor,
@@ -354,16 +400,8 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Named:
             "levels": (arch.levels / factor).tolist(),
             "edges": (rates.level_edges(arch.levels) / factor).tolist(),
             "rate_by_level": arch.level_rate.tolist(),
-            "by_mechanism": [
-                {
-                    "category": label,
-                    "collapses": int(split.counts[i].sum()),
-                    "fraction": float(split.fraction[i]),
-                    "rate_by_level": split.rate[i].tolist(),
-                }
-                for i, label in enumerate(split.categories)
-                if split.shown[i]
-            ],
+            "by_mechanism": _parts(arch.by_mechanism),
+            **({"by_part": _parts(arch.by_part)} if arch.by_part else {}),
             "cautions": list(arch.cautions),
         }
     curves = {
@@ -385,6 +423,20 @@ def risk_facts(risk: StudyRisk, study: StudyKeys) -> Named:
         "classes": risk.classes,
     }
     return dict(finite(facts, None))
+
+
+def _parts(split: rates.Contributions) -> list[Named]:
+    """Return the categories that have a part of a rate, as plain numbers."""
+    return [
+        {
+            "category": label,
+            "collapses": int(split.counts[i].sum()),
+            "fraction": float(split.fraction[i]),
+            "rate_by_level": split.rate[i].tolist(),
+        }
+        for i, label in enumerate(split.categories)
+        if split.shown[i]
+    ]
 
 
 def risk_text(facts: Named) -> str:

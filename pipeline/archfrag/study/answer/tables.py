@@ -33,7 +33,9 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Pieces:
         if (
             own
             and own != ["arch", "level"]
-            and not (variable.dtype.kind in "OSU" and name not in _GROUPS)
+            and not (
+                variable.dtype.kind in "OSU" and name not in _GROUPS and own[1:] == []
+            )
         ):  # of arch and level: counts of records
             names.append(name)
     columns, values = _columns(cube, names)

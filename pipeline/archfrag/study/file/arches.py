@@ -155,9 +155,7 @@ class Springings(Section):
     """Movement downwards [m]."""
     rotation: float = Field(0.0, ge=-45.0, le=45.0)
     """About the middle of its joint, positive if its extrados goes down [degrees]."""
-    springing: Annotated[str, Field(pattern=r"^(left|right|pier [1-9][0-9]*)$")] = (
-        "right"
-    )
+    springing: str = "right"
     """Which one has moved; of a bridge the base: left, "pier 1" and so on, or right."""
 
 
@@ -356,7 +354,9 @@ _KEYS = [key for key, row in _ROWS if {*row.needed, *row.taken} - {*DRAWN}]
 _KEYS = ["profile", *dict.fromkeys((*_COMMON, *_KEYS))]
 COLUMNS = (
     *_KEYS,
-    *(k for k in PROPERTIES if k in VARIABLE and "." in k or ".courses" in k),
+    *(key for key in VARIABLE if "." in key),
+    "piers.courses",
+    "ends.courses",
 )
 # Keys of a whole bridge; others are those of its rings.
 _OF_ALL = ("id", "spans", "piers", "ends", "fill", "vary", *LATER)
@@ -413,7 +413,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     """Outer ends of the joints, in order [m]."""
     outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: list[Line] | None = Field(None, max_length=2)
+    ground: List[Line] | None = None
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
     spans: (
         Annotated[
@@ -499,14 +499,16 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         if self.table:
             return self
         count = len(self.spans) if isinstance(self.spans, list) else self.spans or 1
-        if self.piers and count == 1:
-            text = "stand between spans; piers of a single span are ends: {height: ..., width: ...}"
+        if self.piers and self.spans is None:
+            text = "stand between spans; those of a single span are ends: {height: ...}"
             raise refuse(text, "piers")
         if count > 1 and (
             self.piers is None
             or (isinstance(self.piers, list) and len(self.piers) != count - 1)
         ):
-            text = f"must be one block for all or a list of {count - 1}, one fewer than spans"
+            text = (
+                f"must be given: one block for all, or a list of {count - 1}, one fewer"
+            )
             raise refuse(text, "piers")
         if isinstance(self.ends, list) and len(self.ends) != 2:
             raise refuse("must be one block for both or a list [left, right]", "ends")

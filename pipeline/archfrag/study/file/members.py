@@ -177,7 +177,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         numbers = {
             key: float(arch.value(key))
             for key in keys
-            if key in ("voussoirs", *VARIABLE)
+            if key in ("voussoirs", "spans", *VARIABLE)
             and isinstance(arch.value(key), float | int)
         }
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
@@ -353,7 +353,8 @@ def check_standing(given: Members, method) -> None:
     for member in given:
         arch = member.entry.build()
         with at(member.place):
-            check_can_run(arch, check_method(method.name), method.delay)
+            info = check_method(method.name)
+            check_can_run(arch, info, method.wave_speed, method.bases)
             if not onset(arch).stands:
                 why = (
                     "does not stand under its own weight; make it thicker, raise the "

@@ -128,8 +128,12 @@ class Method(Section):
     """Longest time to simulate after a record while the arch still moves [s]."""
     loss_limit: float = Field(default=0.5, ge=0.02, le=10.0)
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
-    delay: float | None = Field(default=None, ge=0.0, le=60.0)
-    """Time by which a motion reaches the right springing later than the left one [s]."""
+    wave_speed: float | None = Field(default=None, ge=-1e6, le=1e6)
+    """Speed of a wave along the arch [m/s]: a base moves later than the left one by its distance
+    over this speed. If it is negative, the wave comes from the right."""
+    bases: dict[str, float] | None = None
+    """Instead of that, times by which bases move later than the left one [s], by their names:
+    pier 1 and so on, right. The others move as the left one."""
 
     @model_validator(mode="after")
     def _is_known(self) -> Self:

@@ -53,12 +53,10 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
         cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
     )
     motions, factors = zip(*(plan.ground(*run) for run in runs))
-    method = plan.study.method
-    options = method.model_dump(exclude={"name", "delay"})
-    options |= {"method": method.name, "far": method.delay}
+    options = plan.study.method.model_dump()
+    options["method"] = options.pop("name")
     arch = plan.arch(int(cases["arch"][0]))
-    results, wall_time = results_of_runs(arch, motions, factors, **options)
-    starts = [motion.record_start for motion in motions]
+    results, wall_time, starts = results_of_runs(arch, motions, factors, **options)
     return store.table_of(plan.keys(cases), results, wall_time, starts)
 
 
