@@ -164,10 +164,8 @@ PROPERTIES = VARIABLE | {
         "Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default.",
         taken=DRAWN,
     ),
-    **dict.fromkeys(
-        ("spans", "piers", "ends", "fill", "springings", "ties"),
-        Property(taken=_LOADED),
-    ),
+    **dict.fromkeys(("ends", "fill", "springings", "ties"), Property(taken=_LOADED)),
+    **dict.fromkeys(("spans", "piers"), Property(taken=_LOADED[:-1])),  # not with a drawing
     "strength": Property(
         "N/m2",
         1.0,

@@ -133,7 +133,7 @@ LOW, MIDDLE, HIGH = PIER
 # Blocks with a fault, which of them is to be named, and what the message has to contain.
 FAULTS = {
     "gap": ([LOW, MIDDLE, [(x, y + 0.01) for x, y in HIGH]], 1, "0.01 m away"),
-    "branch": ([*PIER, [(1, 0.5), (2, 0.5), (2, 1.0), (1, 1.0)]], 1, "3 joints"),
+    "branch": ([*PIER, [(1, 0.5), (2, 0.5), (2, 1.0), (1, 1.0)]], 2, "hangs at one"),
     "overlap": ([LOW, MIDDLE, [(x, y - 0.1) for x, y in HIGH]], 1, "overlaps"),
     "doubled": ([*PIER, HIGH], 2, "overlaps"),
     "crossed": ([LOW, [MIDDLE[i] for i in (0, 2, 1, 3)], HIGH], 1, "itself"),

@@ -114,11 +114,11 @@ SLIPS = {
         "height = 900 m",
     ),
     "piers in t/m3": (
-        lambda: on_piers(ring(), **PIERS, density=2.2),
+        lambda: af.Bridge([ring()], ends={**PIERS, "density": 2.2}),
         "ends.density = 2.2",
     ),
     "one pier too deep": (
-        lambda: on_piers(ring(), **PIERS, depth=[1.0, 1e6]),
+        lambda: af.Bridge([ring()], ends=[PIERS, {**PIERS, "depth": 1e6}]),
         "ends.depth = 1e+06 m",
     ),
     "dead load in MN": (

@@ -420,7 +420,7 @@ class TestTables:
             (
                 "id,radius",
                 "id,span",
-                ", arch old: span is not a known key; allowed are ",
+                ", arch old: span is not a known key; did you mean spans?",
             ),
         ],
     )

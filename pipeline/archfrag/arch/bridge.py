@@ -97,14 +97,14 @@ def over_parts(
     found = {}
     for i, (part, own) in enumerate(zip(parts, values)):
         if isinstance(own, Mapping):
-            beside = {float(ring[-1]) for ring in values[:i][-1:]}
-            beside |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
-            if own[key] is None and len(beside) > 1:
+            near = {float(ring[-1]) for ring in values[:i][-1:]}
+            near |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
+            if own[key] is None and len(near) > 1:
                 raise GeometryError(
                     f"{part.name} needs its own {key}: the rings beside it have "
-                    f"{' and '.join(f'{each:g}' for each in sorted(beside))}"
+                    f"{' and '.join(f'{each:g}' for each in sorted(near))}"
                 )
-            own = beside.pop() if own[key] is None else own[key]
+            own = near.pop() if own[key] is None else own[key]
         places = part.joints if key == "friction" else part.every
         found |= zip(places, np.broadcast_to(own, len(places)).tolist())
     return np.array([found[place] for place in range(len(found))])

@@ -438,7 +438,9 @@ def _walk(given: Blocks) -> list[list[int | None]]:
     while parents[spine[-1]] is not None:
         spine.append(parents[spine[-1]])
     spine.reverse()
-    legs = [leg for block in spine if (leg := _leg(given, block, spine))]
+    legs = []
+    if free or not hanging:
+        legs = [leg for block in spine if (leg := _leg(given, block, spine))]
     if hanging and (legs or not free):
         given.refuse(hanging[0], "hangs at one joint; a line must show where it stands")
     return [*legs, [None, *spine, *([] if free else [None])]]
