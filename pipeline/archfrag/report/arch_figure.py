@@ -97,8 +97,8 @@ def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | Words:
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
     words = []
     long = len(onset.arch.spans) > 1  # one drawing below the other
-    across = 0.0 if long else 0.5 * sheet.width
-    for left, towards in ((0.0, "+x"), (across, "-x")):
+    second = 0.0 if long else 0.5 * sheet.width
+    for left, towards in ((0.0, "+x"), (second, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
