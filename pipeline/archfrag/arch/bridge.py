@@ -14,6 +14,8 @@ from archfrag.arch.geometry import (
     length_of,
     outline_section,
     polygon_section,
+    sampled,
+    square_height,
 )
 from archfrag.arch.ring import Part, Ring
 from archfrag.errors import GeometryError
@@ -346,6 +348,22 @@ def weight_of_fill(
     on each other, so that no voussoir carries the overturning moment of the column above it.
     `GeometryError` if the backing reaches above the fill.
     """
+    weight = np.zeros(len(depth))
+    place = np.array(ring.backs)
+    for body, both in enumerate(moments_of_fill(ring, fill)):
+        if both[0] > 0.0:
+            x = both[1] / both[0]
+            weight[body] = both[0] * depth[body]
+            place[body] = x, height_at(ring.surfaces[body], x)
+    return weight, place
+
+
+def moments_of_fill(ring: Ring, fill: dict[str, float]) -> FloatArray:
+    """Return the integrals of unit weight times 1, x, y and y² over the fill above each body.
+
+    The shape is ``(n, 4)`` [N/m, N, N, N m]. `GeometryError` if the backing reaches above the
+    fill.
+    """
     spans = [part for part in ring.parts if "pier" not in part.name]
     backs = [ring.surfaces[body] for span in spans for body in span.bodies]
     crown = max(
@@ -361,26 +379,27 @@ def weight_of_fill(
             f"fill; it must be at most {level - springing:.6g} m"
         )
     more = fill["backing_unit_weight"] - fill["unit_weight"]
-    weight = np.zeros(len(depth))
-    place = np.array(ring.backs)
-    for body, line in enumerate(ring.surfaces):
-        both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
-        if both[0] > 0.0:
-            x = both[1] / both[0]
-            weight[body] = both[0] * depth[body]
-            place[body] = x, height_at(line, x)
-    return weight, place
+    unit = fill["unit_weight"]
+    return np.array(
+        [
+            unit * _column(line, level) + more * _column(line, backed)
+            for line in ring.surfaces
+        ]
+    )
 
 
 def _column(line: FloatArray, level: float) -> FloatArray:
-    """Return area and first moment of x between a line and a level above [m2, m3].
+    """Return the integrals of 1, x, y and y² between a line and a level above [m2, m3, m3, m4].
 
     Only those sides of the line ``(m, 3)`` count that run to the right, below the level.
     """
-    found = np.zeros(2)
+    found = np.zeros(4)
     for start, end in cut_sides(line, (level,)):
         if end[0] > start[0] and 0.5 * (start[1] + end[1]) < level:
             rest = [[end[0], end[1], 0.0], [end[0], level, 0.0], [start[0], level, 0.0]]
-            area, centroid, _ = outline_section(np.array([start, *rest]))
-            found += area * np.array([1.0, centroid[0]])
+            outline = np.array([start, *rest])
+            area, (x, y), _ = outline_section(outline)
+            found += area * np.array(
+                [1.0, x, y, y**2 + square_height(sampled(outline))]
+            )
     return found

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, starmap
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
 STANDS_TOLERANCE = 1e-12
 # Overlap, over joint length, that an initial state may have: what time stepping leaves.
 MOST_OVERLAP = 1e-5
+NEEDS_SPACE = (
+    "a plane model is not enough where across governs, for a skewed or curved bridge, and for "
+    "spandrel walls that fall out of their plane: these need three dimensions"
+)
 # Positions of a mechanism that are evaluated, up to this rotation of the first body [rad].
 POSITIONS = 4000
 LARGEST_ROTATION = 0.5 * np.pi
@@ -70,6 +75,9 @@ class Onset:
     normal : ndarray, (n_joint,) or None
         Normal forces of the joints under self-weight, which belong to `thrust` [N].
     arch : Arch
+    across : (str, Onset) or None
+        The pier that moves first across the bridge, and the onset of its column; None without
+        piers.
 
     Examples
     --------
@@ -99,6 +107,47 @@ class Onset:
         if towards == "-x":
             return self.minus, self.hinges_minus, self.sliding_minus
         raise InputError(f"towards = {towards!r} must be +x or -x")
+
+    @property
+    def least(self) -> float:
+        """The smaller of the limits towards +x and -x [g]."""
+        return min(self.plus, self.minus)
+
+    @cached_property
+    def across(self) -> tuple[str, Onset] | None:
+        """The pier that moves first across the bridge, and the onset of its column.
+
+        See `Arch.across`; of the bridge as it was built, without recesses, joints, strength, moved
+        springings and ties. None if the arch has no piers.
+        """
+        piers = [part.name for part in self.arch.parts if "pier" in part.name]
+        if not piers:
+            return None
+        built = self.arch.rebuilt()
+        return min(
+            ((name, onset(built.across(name))) for name in piers),
+            key=lambda found: found[1].least,
+        )
+
+    @property
+    def across_text(self) -> str:
+        """Onsets across and along the bridge in words, and which governs; empty without piers."""
+        if self.across is None:
+            name = self.arch.parameters.get("across")
+            text = f"the column is {name} across the bridge with its share of rings and fill"
+            return text * bool(name)
+        if not self.stands:
+            return ""
+        name, column = self.across
+        moves = [
+            "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
+            for value in (column.least, self.least)
+        ]
+        governs = "across" if column.least < self.least else "along"
+        return (
+            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of rings "
+            f"and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; {NEEDS_SPACE}"
+        )
 
     def thrust_line(self, towards: str | None = None) -> FloatArray | None:
         """Return the thrust line for a drawing, (n_point, 2) [m]; None if it is not known.
@@ -154,7 +203,11 @@ class Onset:
 
     def __repr__(self) -> str:
         plus, minus = (self._text(towards) for towards in ("+x", "-x"))
-        return f"<Onset {plus}\n       {minus}>"
+        words = [f"<Onset {plus}", minus]
+        if self.across is not None:
+            name, column = self.across
+            words.append(f"across {column.least:.4g} g: {name}")
+        return "\n       ".join(words) + ">"
 
     def _text(self, towards: str) -> str:
         limit, hinges, sliding = self.mechanism(towards)
@@ -270,8 +323,9 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
 def thrust_curve(arch: Arch, centre: NDArray, load: float, joints: range) -> FloatArray:
     """Return the thrust line of a row of joints under weights and a steady load [g].
 
-    It is (n_point, 2) [m]. It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
-    arch with ties, which add forces to bodies, it is straight between them.
+    It is (n_point, 2) [m]. It passes through the contact centres `centre`, (n_joint, 2), with
+    curves between them. In an arch with ties, which add forces to bodies, it is straight between
+    them.
     """
     chain = arch.chain
     centre = centre[joints.start : joints.stop]
