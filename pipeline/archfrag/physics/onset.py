@@ -22,6 +22,13 @@ from archfrag.physics.state import Model, Work
 FEASIBLE = 1e-12
 BOX = 1e5
 NO_LIMIT = 1e3
+# A basis of the simplex is left by an inequality whose weight is more than LEAST. If the simplex
+# fails it begins anew with costs TILT of all unknowns, LEAST_TILTED, and an inverse that is made
+# anew after INVERTED exchanges.
+LEAST = 1e-11
+TILT = 1e-10
+LEAST_TILTED = 1e-9
+INVERTED = 20
 HINGE_INTRADOS = 1
 HINGE_EXTRADOS = 2
 SLIDING = 4
@@ -77,6 +84,7 @@ class RestProblem(NamedTuple):
     active: np.ndarray
     basis: np.ndarray  # (n, n) left sides of the tight inequalities
     inverse: np.ndarray  # (n, n) of `basis`
+    spare: np.ndarray  # (n, 2 n)
     # (5, n) in rows: LEVEL of the tight inequalities, UNKNOWN, MULTIPLIER, WEIGHT of each tight
     # inequality in the one that enters, LEFT after the last refinement
     vertex: np.ndarray
@@ -92,10 +100,10 @@ def new_rest_problem(model: Model) -> RestProblem:
     n_joint = model.friction.size
     n_row = model.mass.size
     n = 3 * (n_row - model.end) + 1
-    shapes = OF_REST | {"part": (3, n + 1), "row": (n + 1,)}
+    shapes = OF_REST | {"part": (3, n + 1), "row": (n + 1,), "spare": (2 * n,)}
     shapes |= dict.fromkeys(("bound", "basis", "inverse", "vertex"), (n,))
     first = {"centroid": n_row, "pull": n_row, "row": 3}
-    first |= {"vertex": 5, "active": n, "basis": n, "inverse": n}
+    first |= {"vertex": 5, "active": n, "basis": n, "inverse": n, "spare": n}
     first |= dict.fromkeys(("bound", "level", "joint", "kind"), 8 * n_joint)
     kinds: dict[str, type] = {"joint": np.int64, "active": np.int64}
     kinds |= dict.fromkeys(("candidate", "kind", "mechanism"), np.int8)
@@ -238,10 +246,11 @@ def set_inequalities(model, work, problem, size):
 
 
 @kernel
-def largest_load_factor(problem, n_row, sense):
+def largest_load_factor(problem, n_row, sense, tilt):
     """Maximise `sense` times the last unknown subject to the inequalities, by the dual simplex.
 
-    `n_row` is the number of inequalities. The unknowns are left in ``problem.vertex[UNKNOWN]``.
+    `n_row` is the number of inequalities. With a `tilt`, a small cost of every unknown, the
+    simplex does not cycle where many multipliers vanish, as in bridges of many spans. The unknowns are left in ``problem.vertex[UNKNOWN]``.
     Return True if the inequalities can be met; False if they cannot, or if that takes too many
     iterations.
 
@@ -254,6 +263,7 @@ def largest_load_factor(problem, n_row, sense):
     inverse = problem.inverse
     vertex = problem.vertex
     n = bound.shape[1]
+    least = LEAST_TILTED if tilt > 0.0 else LEAST
     for i in range(n):
         problem.active[i] = n_row + i
         vertex[LEVEL, i] = BOX
@@ -266,11 +276,19 @@ def largest_load_factor(problem, n_row, sense):
             unused = unused and bound[q, k] == 0.0
         if unused:
             vertex[LEVEL, k] = 0.0
-    for _ in range(50 + 20 * n + n_row):
+    for pivots in range(50 + 20 * n + n_row):
         _set_vertex(problem)
         largest = 0.0
+        if tilt > 0.0 and pivots % INVERTED == 0:
+            _invert(problem)
         for k in range(n):
             vertex[MULTIPLIER, k] = sense * inverse[n - 1, k]
+            if tilt > 0.0:
+                for i in range(n):
+                    cost = tilt * (1.0 + i / n)
+                    if i == n - 1:
+                        cost *= sense
+                    vertex[MULTIPLIER, k] += cost * inverse[i, k]
             largest = max(largest, abs(vertex[UNKNOWN, k]))
         entering = -1
         worst = FEASIBLE * max(1.0, largest)
@@ -283,8 +301,10 @@ def largest_load_factor(problem, n_row, sense):
                 worst = violation
                 entering = q
         if entering < 0:
+            for k in range(n):
+                vertex[MULTIPLIER, k] = sense * inverse[n - 1, k]
             return True
-        leaving = _leaving(problem, entering)
+        leaving = _leaving(problem, entering, least)
         if leaving < 0:
             return False
         problem.active[leaving] = entering
@@ -299,10 +319,10 @@ def largest_load_factor(problem, n_row, sense):
 
 
 @kernel
-def _leaving(problem, entering):
+def _leaving(problem, entering, least):
     """Return the place in ``problem.active`` that inequality `entering` takes; -1: none.
 
-    If it is -1 the inequalities contradict each other.
+    If it is -1 the inequalities contradict each other. Its weight is more than `least`.
 
     Reads: problem (bound, inverse, vertex).
     Writes: problem.vertex.
@@ -318,13 +338,47 @@ def _leaving(problem, entering):
     size = 0.0
     for k in range(n):
         weight = vertex[WEIGHT, k]
-        if weight > 1e-11:
+        if weight > least:
             ratio = max(vertex[MULTIPLIER, k], 0.0) / weight
             if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weight > size):
                 best = min(ratio, best)
                 leaving = k
                 size = weight
     return leaving
+
+
+@kernel
+def _invert(problem):
+    """Set ``problem.inverse`` to the inverse of the basis, by Gauss and Jordan's elimination.
+
+    Reads: problem (basis, spare).
+    Writes: problem (inverse, spare).
+    """
+    both = problem.spare
+    n = both.shape[0]
+    for i in range(n):
+        for k in range(n):
+            both[i, k] = problem.basis[i, k]
+            both[i, n + k] = 1.0 if i == k else 0.0
+    for j in range(n):
+        pivot = j
+        for i in range(j + 1, n):
+            if abs(both[i, j]) > abs(both[pivot, j]):
+                pivot = i
+        size = 1.0 / both[pivot, j]
+        for k in range(2 * n):
+            above = both[j, k]
+            both[j, k] = both[pivot, k] * size
+            if pivot != j:
+                both[pivot, k] = above
+        for i in range(n):
+            factor = both[i, j]
+            if i != j and factor != 0.0:
+                for k in range(2 * n):
+                    both[i, k] -= factor * both[j, k]
+    for i in range(n):
+        for k in range(n):
+            problem.inverse[i, k] = both[i, n + k]
 
 
 @kernel
@@ -373,7 +427,9 @@ def find_rest_limit(model, work, problem, sense):
     set_resultants(model, problem, weight, size)
     n_row = set_inequalities(model, work, problem, size)
     n = problem.bound.shape[1]
-    found = largest_load_factor(problem, n_row, sense)
+    found = largest_load_factor(problem, n_row, sense, 0.0)
+    if not found:
+        found = largest_load_factor(problem, n_row, sense, TILT)
     vertex = problem.vertex
     problem.mechanism[:] = 0
     for j in range(n_joint):
