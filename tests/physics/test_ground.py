@@ -132,9 +132,7 @@ def test_each_base_moves_by_its_own_acceleration():
 def test_the_work_of_a_base_has_the_sign_of_its_side():
     """Two bodies stand on one base by the first joint and by the last."""
     arch = af.Arch.circular(5.0, 1.0, 120.0, voussoirs=2, friction=0.7)
-    model = model_of(arch.chain)._replace(
-        body=np.array([[3, 1], [1, 2], [2, 3]], np.uint64)
-    )
+    model = model_of(arch.chain)._replace(body=np.array([[3, 1], [1, 2], [2, 3]]))
     moves = ground.grounds_of([(SAMPLES[0], None, DT, np.ones((50, 1, 2)))])
     runs = new_rigid_runs(model)._replace(grounds=moves)
     runs.state.velocity[3, :2] = 1.0, 10.0
