@@ -89,7 +89,7 @@ def _bodies(arch: Shape, pier: list[int], rings: list[int]) -> tuple[FloatArray,
     def moments(mass: FloatArray, y: FloatArray, square: FloatArray) -> FloatArray:
         return np.column_stack([mass, mass * y, mass * (y**2 + square)])
 
-    own = turned + [*map(square_height, arch.outlines)]
+    own = turned + np.array([*map(square_height, arch.outlines)])
     masonry = moments(stone.mass, stone.centroid[:, 1], own)
     masonry += moments(bare.mass - stone.mass, np.array(arch.whole.backs)[:, 1], turned)
     earth = np.zeros_like(masonry)

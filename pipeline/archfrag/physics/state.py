@@ -43,7 +43,7 @@ Zeros = Callable[[tuple[int, ...]], Any]
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
-    # Of a bridge of several spans; None for a row, see `archfrag.physics.contact.neighbours`.
+    # Of a bridge of several spans; None for a row, see `archfrag.physics.neighbours`.
     body: ndarray | None  # (n_joint, 2) rows of the bodies before and after each joint
     # (n_joint,) at the spine's joints on either side of a top course, the joint of its pier
     # below; else -1

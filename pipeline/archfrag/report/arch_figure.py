@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.marks import AREAS, Mark, joint_numbers
+from archfrag.arch.marks import AREAS, Mark
 from archfrag.fragility.verdicts import Verdict
 from archfrag.report.html import TEXTS, onset_text
 from archfrag.report.inputs import ArchResults
@@ -138,7 +138,7 @@ def _at_onset(
         away = -16.0 if "pier" in part.name else -34.0
         inside |= {*(() if "pier" in part.name else part.joints)}
         _label_joint(panel, arch, half, away, part.name, "s", taken)
-    for joint, number in joint_numbers(arch, _MOST_NUMBERS * len(arch.spans)):
+    for joint, number in arch.joint_numbers(_MOST_NUMBERS * len(arch.spans)):
         away = -14.0 if joint in inside else 16.0
         _label_joint(panel, arch, joint, away, number, "s q", taken if inside else [])
     sheet.height = max(sheet.height, below + 11.0)

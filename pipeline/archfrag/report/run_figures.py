@@ -264,8 +264,8 @@ def groupings(
     parts = part, [each.name for each in arch.parts]
     group = results.runs.group
     return [
-        contributions(collapsed, *each, confidence=confidence, groups=group)
-        for each in (modes, joints, parts)[: 3 if arch.places else 2]
+        contributions(collapsed, labels, names, confidence=confidence, groups=group)
+        for labels, names in (modes, joints, parts)[: 3 if arch.places else 2]
     ]
 
 

@@ -167,8 +167,8 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint, collapse_mode
-        Time [s] and joint of the loss of contact for good, else nan and -1 (`collapse_place` is its
-        name). "hinging" if rotation [rad] exceeded slip over length, else "sliding"; "none" etc.
+        Time [s] and joint of the loss of contact for good, else nan and -1 (`collapse_place` names
+        it). "hinging" if rotation [rad] exceeded slip over length, else "sliding"; "none" etc.
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same of the first gap at both corners over 2 % of the length; `lost_contact_place`.
     peak_rotation, peak_displacement, residual_rotation, residual_displacement : float

@@ -145,8 +145,9 @@ class Onset:
         ]
         governs = "across" if column.least < self.least else "along"
         return (
-            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of rings "
-            f"and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; {NEEDS_SPACE}"
+            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of "
+            f"rings and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; "
+            f"{NEEDS_SPACE}"
         )
 
     def thrust_line(self, towards: str | None = None) -> FloatArray | None:
