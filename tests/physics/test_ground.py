@@ -132,12 +132,11 @@ def test_each_base_moves_by_its_own_acceleration():
 def test_the_work_of_a_base_has_the_sign_of_its_side():
     """Two bodies stand on one base by the first joint and by the last."""
     arch = af.Arch.circular(5.0, 1.0, 120.0, voussoirs=2, friction=0.7)
-    model = model_of(arch.chain)._replace(
-        body=np.array([[3, 1], [1, 2], [2, 3]], np.uint64)
-    )
-    runs = new_rigid_runs(model)
+    model = model_of(arch.chain)._replace(body=np.array([[3, 1], [1, 2], [2, 3]]))
+    moves = ground.grounds_of([(SAMPLES[0], None, DT, np.ones((50, 1, 2)))])
+    runs = new_rigid_runs(model)._replace(grounds=moves)
     runs.state.velocity[3, :2] = 1.0, 10.0
     runs.work.solved[3, :2] = 1.0, 30.0
     runs.work.reaction[:, :2] = [[5.0, 7.0], [9.0, 9.0], [2.0, 1.0]]
-    record_base_work.py_func(model, runs.state, runs.work, True)
+    record_base_work.py_func(runs, True)
     assert runs.state.energy[Energy.GROUND] == (5.0 - 2.0) * 1.0 + (7.0 - 1.0) * 20.0

@@ -242,7 +242,7 @@ class TestBases:
 
     def test_a_wave_on_a_bridge_has_its_mirror(self):
         """Relative to the left base, which moves first and last."""
-        with pytest.raises(af.errors.InputError, match="event_driven is for one span"):
+        with pytest.raises(af.errors.InputError, match="event_driven, which takes one"):
             af.simulate(BRIDGE, PULSE, method="event_driven")
         speed = np.ptp(list(base_positions(BRIDGE).values())) / 0.1
         first, last = (
