@@ -31,6 +31,7 @@ from archfrag.physics.onset import (
 )
 from archfrag.physics.shared import begin
 from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
+from archfrag.properties import LATER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,11 +133,10 @@ class Onset:
     @property
     def across_text(self) -> str:
         """Onsets across and along the bridge in words, and which governs; empty without piers."""
-        if self.across is None:
-            name = self.arch.parameters.get("across")
-            text = f"the column is {name} across the bridge with its share of rings and fill"
-            return text * bool(name)
-        if not self.stands:
+        name = self.arch.parameters.get("across")
+        if name:
+            return f"the column is {name} across the bridge with its share of rings and fill"
+        if self.across is None or not self.stands:
             return ""
         name, column = self.across
         moves = [
@@ -144,9 +144,11 @@ class Onset:
             for value in (column.least, self.least)
         ]
         governs = "across" if column.least < self.least else "along"
+        built = " as it was built" * bool({*LATER} & {*self.arch.parameters})
         return (
-            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of rings "
-            f"and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; {NEEDS_SPACE}"
+            f"across the bridge{built} {name}, {column.arch.extent[0]:.4g} m deep, with its share "
+            f"of rings and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; "
+            f"{NEEDS_SPACE}"
         )
 
     def thrust_line(self, towards: str | None = None) -> FloatArray | None:
