@@ -336,8 +336,8 @@ def weight_of_fill(
     """Return the weight of fill and backing on each body, and where it acts.
 
     Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]; `depth` is that of each body [m]. The column above
-    each body reaches from the upward sides of its extrados to the level of the fill. With the areas A and first moments S of the
-    columns up to the levels of the fill and of the backing,
+    each body reaches from the upward sides of its extrados to the level of the fill. With the
+    areas A and first moments S of the columns up to the levels of the fill and of the backing,
 
         W = b (g_f A_f + (g_b - g_f) A_b),   x = b (g_f S_f + (g_b - g_f) S_b) / W.
 
