@@ -48,9 +48,9 @@ def column_of(arch: Shape, name: str) -> Given:
     top = np.concatenate([arch.outlines[body] for body in rings])[:, 1].max()
     top += arch.parameters.get("fill", {}).get("height_over_crown", 0.0)
     level = [*lines[:, joints, 1].mean(axis=0), lines[:, springings, 1].min(), top]
-    across = arch.joint_depths
+    depths = arch.joint_depths
     wide = arch.depths[rings].max()
-    faces = np.array([*across[joints], across[springings].min(), wide])
+    faces = np.array([*depths[joints], depths[springings].min(), wide])
     right = np.column_stack([0.5 * faces, level])
     ring = straight_ring(right, right * [-1.0, 1.0])
     sides = 0.5 * np.append(arch.depths[pier.every], wide)

@@ -68,7 +68,7 @@ def _checked(
     given = {
         "height": height,
         "width": width,
-        "base_width": width if base_width is None else base_width,
+        "base_width": base_width,
         "courses": courses,
         "above": above,
         "friction": friction,
@@ -96,17 +96,19 @@ def over_parts(
     `values` are those of each span, and the keys of each pier. A pier without a value has that of
     the rings beside it, which must agree.
     """
-    found = {}
-    for i, (part, own) in enumerate(zip(parts, values)):
+    found: dict[int, float] = {}
+    given: Any = values
+    for i, (part, own) in enumerate(zip(parts, given)):
         if isinstance(own, Mapping):
-            near = {float(ring[-1]) for ring in values[:i][-1:]}
-            near |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
-            if own[key] is None and len(near) > 1:
+            near = [ring[-1] for ring in given[:i][-1:]] + [
+                ring[0] for ring in given[i + 1 :][:1]
+            ]
+            if own[key] is None and near[0] != near[-1]:
                 raise GeometryError(
-                    f"{part.name} needs its own {key}: the rings beside it have "
-                    f"{' and '.join(f'{each:g}' for each in sorted(near))}"
+                    f"{part.name} needs its own {key}: the rings beside it have {near[0]:g} and "
+                    f"{near[1]:g}"
                 )
-            own = near.pop() if own[key] is None else own[key]
+            own = near[0] if own[key] is None else own[key]
         places = part.joints if key == "friction" else part.every
         found |= zip(places, np.broadcast_to(own, len(places)).tolist())
     return np.array([found[place] for place in range(len(found))])
@@ -149,39 +151,41 @@ def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
     An inner pier has two pieces: all but its top course, before the spine, and this in the spine.
     """
     parts: dict[str, Part] = {}
-    joint = body = below = 0
+    below = 0
     fields: Any = [[], [], [], [], [], []]
     for name, ring in pieces:
-        joints = range(joint, joint := joint + len(ring.intrados))
-        bodies = range(body, body := body + len(ring.sections))
+        joint, body = len(fields[0]), len(fields[2])
+        for whole, own in zip(fields, ring):
+            whole.extend(own)
+        joints = range(joint, len(fields[0]))
+        bodies = range(body, len(fields[2]))
         part = Part(name, joints, bodies)
         if name in parts:
             part = parts.pop(name)._replace(top=bodies[0])
         elif name == "right pier":
             part = Part(name, joints[::-1], bodies[::-1])
         elif name.startswith("pier"):
-            below = body
+            below = bodies.stop
         parts[name] = part
-        for whole, own in zip(fields, ring):
-            whole.extend(own)
+    body = len(fields[2])
     if body > MOST_VOUSSOIRS:
         raise GeometryError(
             f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
         )
-    lines = [np.array(each) for each in fields[:2]]
+    fields[:2] = map(np.array, fields[:2])
     legs = [part.every for name, part in parts.items() if name.startswith("pier")]
     paths = [[body + k, *leg] for k, leg in enumerate(legs)]
     paths.append([-1, *range(below, body), body + len(legs)])
     pairs = np.array([pair for path in paths for pair in pairwise(path)])
-    return Ring(
-        *lines, *fields[2:], ring.sense, pairs if legs else None, (*parts.values(),)
-    )
+    fields += [ring.sense, pairs if legs else None, (*parts.values(),)]
+    return Ring._make(fields)
 
 
 def cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
     """Return some bodies and some joints of a ring."""
-    rows = [field[bodies] for field in ring[2:6]]
-    return Ring(ring.intrados[joints], ring.extrados[joints], *rows, ring.sense)
+    fields: Any = [field[joints] for field in ring[:2]]
+    fields += [field[bodies] for field in ring[2:6]]
+    return Ring._make([*fields, ring.sense, None, ()])
 
 
 def _moved(ring: Ring, shift: FloatArray) -> Ring:
@@ -213,6 +217,7 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
     outer = [end for _, end in skewbacks]
     keys = ("height", "width", "base_width", "above", "courses")
     height, width, base_width, above, courses = (pier[key] for key in keys)
+    base_width = width if base_width is None else base_width
     base = inner[0][1] - height
     tops = [end[1] + above for end in outer]
     if above > 0.0:
@@ -264,11 +269,9 @@ def _check_pier(
     `bed` is the level of its last bed, `wide` its least width at the skewbacks [m]; the other
     arguments are those of `_pier`.
     """
-    name = (
-        "an inner pier"
-        if len(rings) > 1
-        else f"the {'left' if side < 0 else 'right'} pier"
-    )
+    name = f"the {'left' if side < 0.0 else 'right'} pier"
+    if len(rings) > 1:
+        name = "an inner pier"
     slip = 1e-9 * pier["width"]
     reaches, bulges = [], []
     for sense, ring, (inner, outer) in zip((side, -side), rings, skewbacks):

@@ -721,7 +721,7 @@ class Bridge(Arch):
     >>> ring = af.Arch.circular(2.5, 0.5, 180.0, voussoirs=9, friction=0.6)
     >>> bridge = af.Bridge([ring, ring], piers={"height": 4.0, "width": 1.0, "courses": 2})
     >>> bridge
-    <Bridge of 2 spans: 20 voussoirs, 22 joints; radius 2.5 m, thickness 0.5 m; 460 kN>
+    <Bridge of 2 spans: 20 voussoirs, 22 joints; radius 2.5 m, thickness 0.5 m; 232 kN>
     >>> bridge.place(0), bridge.place(12)
     ('pier 1, base', 'span 2, joint 0')
     """

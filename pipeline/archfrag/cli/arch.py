@@ -159,8 +159,8 @@ def _by_numbers(options: Named) -> ArchEntry:
     except ValidationError as error:
 
         def option(at) -> str:
-            name = "drawing_unit" if at[0] == "unit" else str(at[0])
-            name = f"pier_{at[-1] if at[1:] else 'height'}" if name == "piers" else name
+            names = {"unit": "drawing_unit", "piers": "pier_height"}
+            name = f"pier_{at[-1]}" if len(at) > 1 else names.get(at[0], str(at[0]))
             return "--" + name.replace("_", "-")
 
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"

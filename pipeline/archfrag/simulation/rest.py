@@ -174,8 +174,8 @@ class Onset:
                 centre = self.thrust_minus
         if centre is None:
             return []
-        strands = strands_of(self.arch)
-        return [thrust_curve(self.arch, centre, load, strand) for strand in strands]
+        rows = joint_rows(self.arch)
+        return [thrust_curve(self.arch, centre, load, joints) for joints in rows]
 
     def marks(self, towards: str) -> list[Mark]:
         """Return what a drawing shows of the mechanism: thrust lines, sliding joints, hinges."""
@@ -305,7 +305,7 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
     return arm + fraction[:, None] * along
 
 
-def strands_of(arch: Arch) -> list[range]:
+def joint_rows(arch: Arch) -> list[range]:
     """Return the joints of each pier and ring along which every body has two joints."""
     before, after = arch.pairs.T
     shared = np.bincount(after + 1)[before[1:] + 1] > 1  # of top courses
@@ -314,7 +314,7 @@ def strands_of(arch: Arch) -> list[range]:
 
 
 def _bodies_of(arch: Arch, first: int, last: int) -> slice:
-    """Return the bodies of a strand behind its joint `first`, up to its joint `last`.
+    """Return the bodies of a row behind its joint `first`, up to its joint `last`.
 
     With `last` beyond the joints of a chain with a free end it is up to that end.
     """
@@ -322,17 +322,18 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
     return slice(arch.pairs[first, 1], end)
 
 
-def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:
-    """Return the thrust line of a strand under weights and a steady load [g], (n_point, 2) [m].
+def thrust_curve(arch: Arch, centre: NDArray, load: float, joints: range) -> FloatArray:
+    """Return the thrust line of a row of joints under weights and a steady load [g].
 
-    It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
-    arch with ties, which add forces to bodies, it is straight between them.
+    It is (n_point, 2) [m]. It passes through the contact centres `centre`, (n_joint, 2), with
+    curves between them. In an arch with ties, which add forces to bodies, it is straight between
+    them.
     """
     chain = arch.chain
-    centre = centre[strand.start : strand.stop]
-    if arch.pulled or len(centre) == 1 and not arch.free_end:
+    centre = centre[joints.start : joints.stop]
+    if arch.pulled or (len(centre) == 1 and not arch.free_end):
         return centre[np.isfinite(centre).all(axis=1)]
-    bodies = _bodies_of(arch, strand[0], strand[-1] + arch.free_end)
+    bodies = _bodies_of(arch, joints[0], joints[-1] + arch.free_end)
     body = arch.centroids[bodies]
     force = chain.mass[bodies, None] * np.array([-load, -1.0])
     # The force beyond each body less that before the first one.
@@ -428,9 +429,9 @@ def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
         gap = clearance(j, corner, work) / model.length[j]
         if gap < -MOST_OVERLAP:
             raise InputError(
-                f"initial position lets the bodies at {arch.place(j)} overlap by {-gap:.2g} of its "
-                f"length at the {arch.corner_name(corner, j)}; at most {MOST_OVERLAP:g}, a rounding, "
-                "is allowed"
+                f"initial position lets the bodies at {arch.place(j)} overlap by {-gap:.2g} of "
+                f"its length at the {arch.corner_name(corner, j)}; at most {MOST_OVERLAP:g}, a "
+                "rounding, is allowed"
             )
     return shift, velocity
 
@@ -472,7 +473,7 @@ def static_limit(arch: Arch, start: Onset) -> float:
     for towards in ("+x", "-x"):
         _, hinges, sliding = start.mechanism(towards)
         joints = {joint for joint, _ in hinges}
-        alone = any(joints <= {*strand} for strand in strands_of(arch))
+        alone = any(joints <= {*row} for row in joint_rows(arch))
         count = 1 if arch.free_end else 4
         if not sliding and len(hinges) == count and alone:
             limits += [_limit(arch, hinges, sense) for sense in (1.0, -1.0)]

@@ -486,17 +486,20 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             if not distribution.relative and isinstance(self.value(key), list):
                 text = f"would replace the list {key}; give factors on it, with relative: true"
                 raise refuse(text, f"vary.of.{key}")
-        for key in of if isinstance(self.spans, list) else ():
-            for number, own in enumerate(self.spans):
-                if key in own:
-                    text = f"would not change spans[{number}], which has its own"
-                    raise refuse(text, f"vary.of.{key}")
+        for number, ring in enumerate(
+            self.spans if isinstance(self.spans, list) else ()
+        ):
+            for key in ring.keys() & of.keys():
+                text = f"would not change spans[{number}], which has its own"
+                raise refuse(text, f"vary.of.{key}")
         scatter = self.vary.each_joint if self.vary else None
         if self.across and scatter and (scatter.position or scatter.friction):
             raise refuse("with across can only have recesses", "vary.each_joint")
         scatter = scatter if self.is_bridge else None
-        own = self.value("piers.friction") is None is self.value("ends.friction")
-        many = isinstance(self.friction, list | None) or not own
+        keys = ("piers.friction", "ends.friction")
+        many = isinstance(self.friction, list | None) or any(
+            self.value(key) is not None for key in keys
+        )
         if scatter and (scatter.position or (scatter.friction and many)):
             text = "with piers cannot have position, or friction unless all joints share one"
             raise refuse(text, "vary.each_joint")
@@ -543,9 +546,10 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         """
         shared = self.model_dump(exclude_none=True, include={*_OF_RINGS})
         many = isinstance(self.spans, list)
+        owns: list[Named] = self.spans if isinstance(self.spans, list) else [{}]
         found = []
         used = set[str]()
-        for number, own in enumerate(self.spans if many else [{}]):  # type: ignore[arg-type]
+        for number, own in enumerate(owns):
             kind = str(own.get("profile", self.profile))
             can = {"profile", *_COMMON, *sum(self.kinds.get(kind, ((), ())), ())}
             keys = {
@@ -555,11 +559,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             place = f"cannot have spans[{number}]" if many else "cannot have such spans"
             given = {"id": "arch", **keys, **own}
             with at(place, given, kind=refuse):
-                for key in {*map(str, own)} - {*_OF_RINGS}:
-                    raise InputError(f"{key} is not a key of a span")
+                for name in {*map(str, own)} - {*_OF_RINGS}:
+                    raise InputError(f"{name} is not a key of a span")
                 found.append(type(self).model_validate(given))
-        for key in shared.keys() - used:
-            raise refuse("is a key that no profile of spans has", key)
+        for unused in shared.keys() - used:
+            raise refuse("is a key that no profile of spans has", unused)
         return found if many else found * (self.spans or 1)  # type: ignore[operator]
 
     @property
