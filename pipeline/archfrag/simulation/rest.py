@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 from itertools import pairwise, starmap
 from typing import TYPE_CHECKING
 
@@ -114,21 +114,14 @@ class Onset:
         """The smaller of the limits towards +x and -x [g]."""
         return min(self.plus, self.minus)
 
-    @cached_property
+    @property
     def across(self) -> tuple[str, Onset] | None:
         """The pier that moves first across the bridge, and the onset of its column.
 
         See `Arch.across`; of the bridge as it was built, without recesses, joints, strength, moved
         springings and ties. None if the arch has no piers.
         """
-        piers = [part.name for part in self.arch.parts if "pier" in part.name]
-        if not piers:
-            return None
-        built = self.arch.rebuilt()
-        return min(
-            ((name, onset(built.across(name))) for name in piers),
-            key=lambda found: found[1].least,
-        )
+        return _first_across(self.arch)
 
     @property
     def across_text(self) -> str:
@@ -222,6 +215,15 @@ class Onset:
         from archfrag.plots import html_of
 
         return html_of(self)
+
+
+@lru_cache(maxsize=256)
+def _first_across(arch: Arch) -> tuple[str, Onset] | None:
+    """Return the pier and the onset that `Onset.across` is."""
+    built = arch.rebuilt()
+    names = [part.name for part in arch.parts if "pier" in part.name]
+    found = [(name, onset(built.across(name))) for name in names]
+    return min(found, key=lambda each: each[1].least, default=None)
 
 
 def onset(arch: Arch) -> Onset:
