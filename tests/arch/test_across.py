@@ -192,7 +192,9 @@ def test_the_least_of_the_piers_is_named_and_what_governs():
 def test_the_onset_across_is_that_of_the_bridge_as_built():
     bridge = af.Bridge([ring()] * 2, PIER)
     tied = bridge.recessed(0.01, 0.01).tied(1.0, area=1e-3, prestress=1e4)
-    assert af.onset(tied).across[1].plus == af.onset(bridge).across[1].plus
+    start = af.onset(tied)
+    assert start.across[1].plus == af.onset(bridge).across[1].plus
+    assert "across the bridge as it was built pier 1, 1 m deep" in start.across_text
 
 
 @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])

@@ -140,3 +140,26 @@ class TestWhatIsModelled:
         assert "Piers are not modelled" not in page
         assert f"Onset towards +x: {af.onset(BRIDGE).places('+x')}." in page
         assert "pier 1, base left; span 1, joint 0 extrados" in page
+
+    def test_across_stands_beside_along(self):
+        start = af.onset(BRIDGE)
+        given = synthetic.inputs(arches={"ring": start})
+        page = lxml.html.document_fromstring(render(given)[0])
+        words = page.text_content()
+        value = f"{start.across[1].plus:.3f} g"
+        card = [each.text_content() for each in page.find_class("answer")]
+        assert any(f"onset across the bridge{value}of pier 1" in each for each in card)
+        told = start.across_text
+        assert f"{told[0].upper()}{told[1:]}." in words
+        assert "three dimensions" in words
+        assert "Motion across the plane is not modelled." in words
+
+    def test_a_column_is_told(self):
+        bridge = af.Bridge([RING] * 2, {**PIER, "courses": 8})
+        start = af.onset(bridge.across("pier 1"))
+        given = synthetic.inputs(arches={"ring": start})
+        page = lxml.html.document_fromstring(render(given)[0]).text_content()
+        assert "onset across the bridge" not in page
+        assert "The column is pier 1 across the bridge with its share" in page
+        assert "A pier moves across the bridge, with its share of rings" in page
+        assert "the column collapses" in page or "make the column collapse" in page

@@ -29,27 +29,28 @@ def column_of(arch: Shape, name: str) -> Given:
         raise GeometryError(
             f"the arch has {', '.join(later)} already; across comes before"
         )
-    piers = [part.name for part in arch.parts if "pier" in part.name]
+    names = [part.name for part in arch.parts]
+    piers = [each for each in names if "pier" in each]
     if name not in piers:
         allowed = (
             f"it must be {' or '.join(piers)}" if piers else "the arch has no pier"
         )
         raise GeometryError(f"across = {name!r} is impossible; {allowed}")
-    place = [part.name for part in arch.parts].index(name)
-    near = [(part, -1) for part in arch.parts[:place][-1:]]
-    near += [(part, 0) for part in arch.parts[place + 1 : place + 2]]
+    place = names.index(name)
     pier = arch.parts[place]
+    near = [(part, -1) for part in arch.parts[:place][-1:]]
+    near += [(part, 0) for part in arch.parts[place + 1 :][:1]]
     springings = [part.joints[end] for part, end in near]
     rings = [body for part, _ in near for body in part.bodies]
     density, mass, height, square = _bodies(arch, pier.every, rings)
-    joints = list(pier.joints)
+    joints = [*pier.joints]
     lines = np.stack([arch.intrados, arch.extrados])
     top = np.concatenate([arch.outlines[body] for body in rings])[:, 1].max()
     top += arch.parameters.get("fill", {}).get("height_over_crown", 0.0)
     level = [*lines[:, joints, 1].mean(axis=0), lines[:, springings, 1].min(), top]
-    across = arch.joint_depths
+    depths = arch.joint_depths
     wide = arch.depths[rings].max()
-    faces = np.array([*across[joints], across[springings].min(), wide])
+    faces = np.array([*depths[joints], depths[springings].min(), wide])
     right = np.column_stack([0.5 * faces, level])
     ring = straight_ring(right, right * [-1.0, 1.0])
     sides = 0.5 * np.append(arch.depths[pier.every], wide)
@@ -89,8 +90,8 @@ def _bodies(arch: Shape, pier: list[int], rings: list[int]) -> tuple[FloatArray,
     def moments(mass: FloatArray, y: FloatArray, square: FloatArray) -> FloatArray:
         return np.column_stack([mass, mass * y, mass * (y**2 + square)])
 
-    own = turned + np.array([*map(square_height, arch.outlines)])
-    masonry = moments(stone.mass, stone.centroid[:, 1], own)
+    own = np.array([*map(square_height, arch.outlines)])
+    masonry = moments(stone.mass, stone.centroid[:, 1], own + turned)
     masonry += moments(bare.mass - stone.mass, np.array(arch.whole.backs)[:, 1], turned)
     earth = np.zeros_like(masonry)
     if "fill" in arch.parameters:

@@ -292,8 +292,8 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
         figures.append(["onset of motion", plus, about])
         if onset.across is not None:
             pier, column = onset.across
-            across = onset_text(column.least)
-            figures.append(["onset across the bridge", across, f"of {pier}"])
+            limit = onset_text(column.least)
+            figures.append(["onset across the bridge", limit, f"of {pier}"])
     shown = [(label, count) for label, count in counts.items() if count]
     parts += [facts(figures, "figures"), facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(lines(parts))

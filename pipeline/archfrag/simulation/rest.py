@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 from itertools import pairwise, starmap
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ from archfrag.physics.onset import (
 )
 from archfrag.physics.shared import begin
 from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
+from archfrag.properties import LATER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,30 +114,22 @@ class Onset:
         """The smaller of the limits towards +x and -x [g]."""
         return min(self.plus, self.minus)
 
-    @cached_property
+    @property
     def across(self) -> tuple[str, Onset] | None:
         """The pier that moves first across the bridge, and the onset of its column.
 
         See `Arch.across`; of the bridge as it was built, without recesses, joints, strength, moved
         springings and ties. None if the arch has no piers.
         """
-        piers = [part.name for part in self.arch.parts if "pier" in part.name]
-        if not piers:
-            return None
-        built = self.arch.rebuilt()
-        return min(
-            ((name, onset(built.across(name))) for name in piers),
-            key=lambda found: found[1].least,
-        )
+        return _first_across(self.arch)
 
     @property
     def across_text(self) -> str:
         """Onsets across and along the bridge in words, and which governs; empty without piers."""
-        if self.across is None:
-            name = self.arch.parameters.get("across")
-            text = f"the column is {name} across the bridge with its share of rings and fill"
-            return text * bool(name)
-        if not self.stands:
+        name = self.arch.parameters.get("across")
+        if name:
+            return f"the column is {name} across the bridge with its share of rings and fill"
+        if self.across is None or not self.stands:
             return ""
         name, column = self.across
         moves = [
@@ -144,9 +137,10 @@ class Onset:
             for value in (column.least, self.least)
         ]
         governs = "across" if column.least < self.least else "along"
+        built = " as it was built" * bool({*LATER} & {*self.arch.parameters})
         return (
-            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of "
-            f"rings and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; "
+            f"across the bridge{built} {name}, {column.arch.extent[0]:.4g} m deep, with its share "
+            f"of rings and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; "
             f"{NEEDS_SPACE}"
         )
 
@@ -221,6 +215,15 @@ class Onset:
         from archfrag.plots import html_of
 
         return html_of(self)
+
+
+@lru_cache(maxsize=256)
+def _first_across(arch: Arch) -> tuple[str, Onset] | None:
+    """Return the pier and the onset that `Onset.across` is."""
+    built = arch.rebuilt()
+    names = [part.name for part in arch.parts if "pier" in part.name]
+    found = [(name, onset(built.across(name))) for name in names]
+    return min(found, key=lambda each: each[1].least, default=None)
 
 
 def onset(arch: Arch) -> Onset:

@@ -166,8 +166,8 @@ def arch_texts(study: StudyKeys) -> list[str]:
         arch = member.entry.build()
         names = ", ".join(member.attributes)
         other = f"columns that change no arch: {names}" * bool(names)
-        across = onset(arch).across_text
-        told = filter(None, (facts_text(arch), across, joints_text(arch), other))
+        columns = onset(arch).across_text
+        told = filter(None, (facts_text(arch), columns, joints_text(arch), other))
         texts.append(f"{member.id}: {'; '.join(told)}")
     return texts
 
