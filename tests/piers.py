@@ -1,12 +1,14 @@
 """Arches on two outer piers, for tests."""
 
+import numpy as np
+
 import archfrag as af
 
 
 def ends_of(**keys):
     """Return the keys of two piers; a pair is of the left and the right one."""
     return [
-        {k: v[i] if isinstance(v, list | tuple) else v for k, v in keys.items()}
+        {key: value[i] if np.ndim(value) else value for key, value in keys.items()}
         for i in (0, 1)
     ]
 

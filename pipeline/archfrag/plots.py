@@ -22,7 +22,6 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch.marks import joint_numbers
 from archfrag.errors import InputError
 from archfrag.files import Named, check_targets, register
 
@@ -159,7 +158,7 @@ def plot_arch(arch, ax: Axes | None = None) -> Axes:
         ):  # number joints within the span: no other ring is near
             rows = list(part.joints)
             outer[rows], along[rows] = inner[rows], -along[rows]
-    for joint, number in joint_numbers(arch, MOST_NUMBERS * min(3, len(arch.spans))):
+    for joint, number in arch.joint_numbers(MOST_NUMBERS * min(3, len(arch.spans))):
         _annotate(ax, number, outer[joint], 9.0 * along[joint], **small)
     ax.autoscale_view()
     ax.margins(0.06)

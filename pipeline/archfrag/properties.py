@@ -164,7 +164,9 @@ PROPERTIES = VARIABLE | {
         "Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default.",
         taken=DRAWN,
     ),
-    **dict.fromkeys(("ends", "fill", "springings", "ties"), Property(taken=_LOADED)),
+    **dict.fromkeys(
+        ("ends", "across", "fill", "springings", "ties"), Property(taken=_LOADED)
+    ),
     **dict.fromkeys(
         ("spans", "piers"), Property(taken=_LOADED[:-1])
     ),  # not with a drawing

@@ -197,6 +197,13 @@ class TestBridges:
         assert x[1] > bridge.intrados[joints[-1], 0]
 
 
+def test_a_tie_goes_through_the_piers_of_its_span():
+    bridge = BRIDGES["battered"]
+    (bodies,) = bridge.tied(level=0.6, area=8e-4, span=2).tie_bodies
+    tops = [part.top for part in bridge.parts if part.top is not None]
+    assert bodies.tolist() == tops
+
+
 def test_one_ring_alone_is_a_chain_of_one_part():
     alone = af.Bridge([ring()])
     assert alone.chain.body is None

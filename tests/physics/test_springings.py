@@ -382,6 +382,18 @@ class TestMotionsOfBases:
         assert run.status.name == "STANDING"
         assert run.model_time["rest"] > 9.9
 
+    def test_a_run_at_rest_keeps_nothing_of_the_one_before(self):
+        """Whose right base was moving when it collapsed."""
+
+        def reactions():
+            run = af.simulate(ARCH, 0.3 * PULSE, method="time_stepping", history=True)
+            return run.history.reaction.values[0]
+
+        before = reactions()
+        given = {"method": "time_stepping", "bases": {"right": 0.1}}
+        assert af.simulate(ARCH, PULSE, 8.0, **given).end_time < TIME[-1]
+        assert np.array_equal(reactions(), before)
+
     @pytest.mark.parametrize("scale", [0.75, 1.0, 2.0])
     def test_events_end_where_the_arch_stands_still(self, scale):
         draw = np.random.default_rng(442766272)

@@ -1,6 +1,5 @@
 """Ties: an independent equation of motion, rigid and powerless limits, energy, and methods."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -244,7 +243,7 @@ def pulled_slowly(spread, tie, parts=40):
         length = np.hypot(*np.subtract(*ends))
         row[6] = part * tie["prestress"] / (1e3 * length)
         row[7] = -999.0 * length
-        pulled = dataclasses.replace(spread, chain=spread.chain._replace(tie=row[None]))
+        pulled = spread.changed(chain=spread.chain._replace(tie=row[None]))
         start = place - spread.chain.start, np.zeros_like(place)
         given = {"method": "time_stepping", "history": True}
         run = af.simulate(pulled, still, initial=start, **given)

@@ -202,8 +202,8 @@ class Results:
     def parts(self) -> pd.DataFrame:
         """Fraction of the records that make each bridge collapse in each part, by level.
 
-        Columns are arch and part: the span or pier in which a joint lost contact for good. Those of
-        an arch add up to its column of `fractions`. Arches of one part have no column.
+        Columns are arch and part: the span or pier in which a joint lost contact for good. Those
+        of an arch add up to its column of `fractions`. Arches of one part have no column.
         """
         fractions = self.fractions
         found = dict[tuple[str, str], Any]()

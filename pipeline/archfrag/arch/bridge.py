@@ -14,6 +14,8 @@ from archfrag.arch.geometry import (
     length_of,
     outline_section,
     polygon_section,
+    sampled,
+    square_height,
 )
 from archfrag.arch.ring import Part, Ring
 from archfrag.errors import GeometryError
@@ -66,7 +68,7 @@ def _checked(
     given = {
         "height": height,
         "width": width,
-        "base_width": width if base_width is None else base_width,
+        "base_width": base_width,
         "courses": courses,
         "above": above,
         "friction": friction,
@@ -94,17 +96,19 @@ def over_parts(
     `values` are those of each span, and the keys of each pier. A pier without a value has that of
     the rings beside it, which must agree.
     """
-    found = {}
-    for i, (part, own) in enumerate(zip(parts, values)):
+    found: dict[int, float] = {}
+    given: Any = values
+    for i, (part, own) in enumerate(zip(parts, given)):
         if isinstance(own, Mapping):
-            near = {float(ring[-1]) for ring in values[:i][-1:]}
-            near |= {float(ring[0]) for ring in values[i + 1 : i + 2]}
-            if own[key] is None and len(near) > 1:
+            near = [ring[-1] for ring in given[:i][-1:]] + [
+                ring[0] for ring in given[i + 1 :][:1]
+            ]
+            if own[key] is None and near[0] != near[-1]:
                 raise GeometryError(
-                    f"{part.name} needs its own {key}: the rings beside it have "
-                    f"{' and '.join(f'{each:g}' for each in sorted(near))}"
+                    f"{part.name} needs its own {key}: the rings beside it have {near[0]:g} and "
+                    f"{near[1]:g}"
                 )
-            own = near.pop() if own[key] is None else own[key]
+            own = near[0] if own[key] is None else own[key]
         places = part.joints if key == "friction" else part.every
         found |= zip(places, np.broadcast_to(own, len(places)).tolist())
     return np.array([found[place] for place in range(len(found))])
@@ -147,39 +151,41 @@ def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
     An inner pier has two pieces: all but its top course, before the spine, and this in the spine.
     """
     parts: dict[str, Part] = {}
-    joint = body = below = 0
+    below = 0
     fields: Any = [[], [], [], [], [], []]
     for name, ring in pieces:
-        joints = range(joint, joint := joint + len(ring.intrados))
-        bodies = range(body, body := body + len(ring.sections))
+        joint, body = len(fields[0]), len(fields[2])
+        for whole, own in zip(fields, ring):
+            whole.extend(own)
+        joints = range(joint, len(fields[0]))
+        bodies = range(body, len(fields[2]))
         part = Part(name, joints, bodies)
         if name in parts:
             part = parts.pop(name)._replace(top=bodies[0])
         elif name == "right pier":
             part = Part(name, joints[::-1], bodies[::-1])
         elif name.startswith("pier"):
-            below = body
+            below = bodies.stop
         parts[name] = part
-        for whole, own in zip(fields, ring):
-            whole.extend(own)
+    body = len(fields[2])
     if body > MOST_VOUSSOIRS:
         raise GeometryError(
             f"the bridge has {body} bodies; it may have {MOST_VOUSSOIRS}"
         )
-    lines = [np.array(each) for each in fields[:2]]
+    fields[:2] = map(np.array, fields[:2])
     legs = [part.every for name, part in parts.items() if name.startswith("pier")]
     paths = [[body + k, *leg] for k, leg in enumerate(legs)]
     paths.append([-1, *range(below, body), body + len(legs)])
     pairs = np.array([pair for path in paths for pair in pairwise(path)])
-    return Ring(
-        *lines, *fields[2:], ring.sense, pairs if legs else None, (*parts.values(),)
-    )
+    fields += [ring.sense, pairs if legs else None, (*parts.values(),)]
+    return Ring._make(fields)
 
 
 def cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
     """Return some bodies and some joints of a ring."""
-    rows = [field[bodies] for field in ring[2:6]]
-    return Ring(ring.intrados[joints], ring.extrados[joints], *rows, ring.sense)
+    fields: Any = [field[joints] for field in ring[:2]]
+    fields += [field[bodies] for field in ring[2:6]]
+    return Ring._make([*fields, ring.sense, None, ()])
 
 
 def _moved(ring: Ring, shift: FloatArray) -> Ring:
@@ -211,6 +217,7 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
     outer = [end for _, end in skewbacks]
     keys = ("height", "width", "base_width", "above", "courses")
     height, width, base_width, above, courses = (pier[key] for key in keys)
+    base_width = width if base_width is None else base_width
     base = inner[0][1] - height
     tops = [end[1] + above for end in outer]
     if above > 0.0:
@@ -262,11 +269,9 @@ def _check_pier(
     `bed` is the level of its last bed, `wide` its least width at the skewbacks [m]; the other
     arguments are those of `_pier`.
     """
-    name = (
-        "an inner pier"
-        if len(rings) > 1
-        else f"the {'left' if side < 0 else 'right'} pier"
-    )
+    name = f"the {'left' if side < 0.0 else 'right'} pier"
+    if len(rings) > 1:
+        name = "an inner pier"
     slip = 1e-9 * pier["width"]
     reaches, bulges = [], []
     for sense, ring, (inner, outer) in zip((side, -side), rings, skewbacks):
@@ -333,15 +338,31 @@ def weight_of_fill(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the weight of fill and backing on each body, and where it acts.
 
-    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]; `depth` is that of each body [m]. The column above each body reaches from the upward
-    sides of its extrados to the level of the fill. With the areas A and first moments S of the
-    columns up to the levels of the fill and of the backing,
+    Shapes are ``(n,)`` [N] and ``(n, 2)`` [m]; `depth` is that of each body [m]. The column above
+    each body reaches from the upward sides of its extrados to the level of the fill. With the
+    areas A and first moments S of the columns up to the levels of the fill and of the backing,
 
         W = b (g_f A_f + (g_b - g_f) A_b),   x = b (g_f S_f + (g_b - g_f) S_b) / W.
 
     The weight acts on the extrados at x, where the fill hands its force to the ring: columns lean
     on each other, so that no voussoir carries the overturning moment of the column above it.
     `GeometryError` if the backing reaches above the fill.
+    """
+    weight = np.zeros(len(depth))
+    place = np.array(ring.backs)
+    for body, both in enumerate(moments_of_fill(ring, fill)):
+        if both[0] > 0.0:
+            x = both[1] / both[0]
+            weight[body] = both[0] * depth[body]
+            place[body] = x, height_at(ring.surfaces[body], x)
+    return weight, place
+
+
+def moments_of_fill(ring: Ring, fill: dict[str, float]) -> FloatArray:
+    """Return the integrals of unit weight times 1, x, y and y² over the fill above each body.
+
+    The shape is ``(n, 4)`` [N/m, N, N, N m]. `GeometryError` if the backing reaches above the
+    fill.
     """
     spans = [part for part in ring.parts if "pier" not in part.name]
     backs = [ring.surfaces[body] for span in spans for body in span.bodies]
@@ -358,26 +379,27 @@ def weight_of_fill(
             f"fill; it must be at most {level - springing:.6g} m"
         )
     more = fill["backing_unit_weight"] - fill["unit_weight"]
-    weight = np.zeros(len(depth))
-    place = np.array(ring.backs)
-    for body, line in enumerate(ring.surfaces):
-        both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
-        if both[0] > 0.0:
-            x = both[1] / both[0]
-            weight[body] = both[0] * depth[body]
-            place[body] = x, height_at(line, x)
-    return weight, place
+    unit = fill["unit_weight"]
+    return np.array(
+        [
+            unit * _column(line, level) + more * _column(line, backed)
+            for line in ring.surfaces
+        ]
+    )
 
 
 def _column(line: FloatArray, level: float) -> FloatArray:
-    """Return area and first moment of x between a line and a level above [m2, m3].
+    """Return the integrals of 1, x, y and y² between a line and a level above [m2, m3, m3, m4].
 
     Only those sides of the line ``(m, 3)`` count that run to the right, below the level.
     """
-    found = np.zeros(2)
+    found = np.zeros(4)
     for start, end in cut_sides(line, (level,)):
         if end[0] > start[0] and 0.5 * (start[1] + end[1]) < level:
             rest = [[end[0], end[1], 0.0], [end[0], level, 0.0], [start[0], level, 0.0]]
-            area, centroid, _ = outline_section(np.array([start, *rest]))
-            found += area * np.array([1.0, centroid[0]])
+            outline = np.array([start, *rest])
+            area, (x, y), _ = outline_section(outline)
+            found += area * np.array(
+                [1.0, x, y, y**2 + square_height(sampled(outline))]
+            )
     return found

@@ -67,10 +67,10 @@ def fields_of(given: Given) -> Named:
     if given.fill is not None:
         more["fill"] = bridge.checked_fill(**given.fill)
         loads.append(bridge.weight_of_fill(ring, more["fill"], depth))
-    for name, each in (("piers", piers), ("ends", ends)):
-        if any(each):
-            same = all(pier == each[0] for pier in each)
-            more[name] = each[0] if same else [pier or None for pier in each]
+    for name, rows in (("piers", piers), ("ends", ends)):
+        if any(rows):
+            same = all(pier == rows[0] for pier in rows)
+            more[name] = rows[0] if same else [pier or None for pier in rows]
     surface_density = _over("density", parts, spans, legs) * depth
     return {
         "chain": rings.chain_of(ring, friction, surface_density, loads),
@@ -247,7 +247,7 @@ def _checked_ends(arch: Shape, ends: Sequence[End] | None) -> list[End]:
     ):
         raise GeometryError(
             f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
-            f"different voussoirs from -1 (the left springing) to {last}, not both on the ground"
+            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
         )
     if not np.isfinite([end[1:] for end in both]).all():
         raise GeometryError(

@@ -68,6 +68,24 @@ def polygon_section(corners: FloatArray) -> Section:
     return abs(area), origin + shift, abs(polar)
 
 
+def square_height(corners: FloatArray) -> float:
+    """Return the mean square of y, from its mean, over a simple polygon [m2].
+
+    With the corners from a point near the figure and c_i = x_i × x_{i+1},
+
+        A = sum c_i / 2,   S = sum c_i (y_i + y_{i+1}) / 6,
+        I = sum c_i (y_i² + y_i y_{i+1} + y_{i+1}²) / 12,   k² = I/A - S²/A².
+    """
+    here = corners - corners.mean(axis=0)
+    there = following(here)
+    twice = cross(here, there)
+    y, after = here[:, 1], there[:, 1]
+    mean = twice @ (y + after) / (3.0 * twice.sum())
+    return float(
+        twice @ (y * y + y * after + after * after) / (6.0 * twice.sum()) - mean**2
+    )
+
+
 def sector_section(
     centre: FloatArray, radius: float, thickness: float, start: float, end: float
 ) -> Section:

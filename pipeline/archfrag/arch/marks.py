@@ -73,13 +73,6 @@ def mechanism_marks(
     return marks + [Mark("hinge", point[None]) for point in hinge_points(arch, hinges)]
 
 
-def joint_numbers(arch: Shape, most: int) -> Iterator[tuple[int, str]]:
-    """Yield joints to be numbered in a drawing, about `most`, with their numbers in their parts."""
-    step = -(-arch.n_joint // most)
-    for part in arch.parts:
-        yield from ((part.joints[i], str(i)) for i in range(0, len(part.joints), step))
-
-
 def hinge_points(
     arch: Shape, hinges: Sequence[tuple[int, str]]
 ) -> Iterator[FloatArray]:

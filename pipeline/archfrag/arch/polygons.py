@@ -1,6 +1,6 @@
 """Chains from simple polygons: edges that two blocks share become joints."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NoReturn, Self
@@ -170,58 +170,68 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     _check_simple(given)
     _find_joints(given)
     *legs, spine = _walk(given)
-    free = spine[-1] is not None
-    joints = _joints(given, spine)
-    if (
-        free
-    ):  # the edge that is farthest from the line of the last joint, intrados first
-        first = outlines[spine[-1]][:, :2]
+    free = spine[-1] >= 0
+    blocks = spine[1 : len(spine) if free else -1]
+    order = [block for leg in legs for block in leg[1:-1]] + blocks
+    paths = [spine[:2], *(leg[:2] for leg in legs), *([] if free else [spine[-2:]])]
+    bases = [joint for path in paths for joint in _joints(given, path)]
+    placed = [outlines[block] for block in order]
+    ring = assembled(_pieces(given, legs, blocks, _joints(given, spine)))
+    return ring, replace(given, outlines=placed, ground=bases)
+
+
+def _pieces(
+    given: Blocks, legs: list[list[int]], blocks: list[int], joints: list[_Segment]
+) -> Iterator[tuple[str, Ring]]:
+    """Yield the pieces of a ring as `assembled` takes them.
+
+    `legs` are the paths up to each top course, `blocks` those of the spine, with their `joints`.
+    """
+    if len(joints) == len(
+        blocks
+    ):  # one end is free: its edge farthest from the last joint
+        first = given.outlines[blocks[-1]][:, :2]
         edges = np.stack([first, following(first)], axis=1)
         line = joints[-1]
         away = np.abs(cross(edges.mean(axis=1) - line[0], line[1] - line[0]))
-        joints.append(edges[int(np.argmax(away))])
-    blocks: list[int] = [block for block in spine if block is not None]  # type: ignore[misc]
-    tops = [leg[-1] for leg in legs]
-    whole = _row(given, blocks, joints, tops)
-    pieces = []
+        joints = [*joints, edges[int(np.argmax(away))]]  # intrados first
     for number, leg in enumerate(legs, 1):
-        row = _row(given, leg[1:-1], _joints(given, leg), ())
+        row = _row(given, leg[1:-1], _joints(given, leg))
         backs = [centroid for _, centroid, _ in row.sections]
         bare = [np.empty((0, 3))] * len(backs)
-        pieces.append((f"pier {number}", row._replace(backs=backs, surfaces=bare)))
+        yield f"pier {number}", row._replace(backs=backs, surfaces=bare)
+    tops = [leg[-1] for leg in legs]
+    whole = _row(given, blocks, joints, tops)
     start = 0
     for number, end in enumerate([*map(blocks.index, tops), len(blocks)], 1):
         span = cut(whole, slice(start, end), slice(start, end + 1))
-        pieces.append((f"span {number}" if legs else "arch", span))
+        yield f"span {number}" if legs else "arch", span
         if end < len(blocks):
-            pieces.append((f"pier {number}", cut(whole, slice(end, end + 1), slice(0))))
+            yield f"pier {number}", cut(whole, slice(end, end + 1), slice(0))
         start = end + 1
-    order = [block for leg in legs for block in leg[1:-1]] + blocks
-    bases = [joints[0], *(_joints(given, leg[:2])[0] for leg in legs), joints[-1]]
-    placed = [outlines[block] for block in order]
-    return assembled(pieces), replace(
-        given, outlines=placed, ground=bases[: -1 if free else None]
-    )
 
 
-def _joints(given: Blocks, path: Sequence[Any]) -> list[_Segment]:
+def _joints(given: Blocks, path: Sequence[int]) -> list[_Segment]:
     """Return the joints between blocks that follow each other, at intrados and extrados.
 
-    None is the ground, at the ends of a path.
+    The ground is -1, at the ends of a path.
     """
     # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
-    return [
-        given.standing[before]
-        if after is None
-        else (given.standing[after] if before is None else given.joints[after][before])[
-            ::-1
-        ]
-        for before, after in pairwise(path)
-    ]
+    found = []
+    for before, after in pairwise(path):
+        if after < 0:
+            found.append(given.standing[before])
+        else:
+            edges = given.standing if before < 0 else given.joints[after]
+            found.append(edges[after if before < 0 else before][::-1])
+    return found
 
 
 def _row(
-    given: Blocks, blocks: Sequence[int], joints: list[_Segment], tops: Iterable[int]
+    given: Blocks,
+    blocks: Sequence[int],
+    joints: list[_Segment],
+    tops: Sequence[int] = (),
 ) -> Ring:
     """Return blocks between joints as a ring; `GeometryError` if two joints of a block meet.
 
@@ -395,11 +405,11 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     return ends if off.max() <= 2.0 * tolerance else None
 
 
-def _walk(given: Blocks) -> list[list[int | None]]:
+def _walk(given: Blocks) -> list[list[int]]:
     """Return the blocks in order: each inner pier up to its top course, and last the spine.
 
     The spine runs from the left base over all top courses to the right base, or to a free end.
-    None at an end of a path is the ground. If no ground is given, sets the edges on which the ends
+    The ground is -1 at an end of a path. If no ground is given, sets the edges on which the ends
     stand. `GeometryError` if the blocks form neither a chain nor such a tree.
     """
     names = given.names
@@ -436,23 +446,22 @@ def _walk(given: Blocks) -> list[list[int | None]]:
     free = len(ends) == 1 or len(stands) == len(hanging) == 1
     parents = _parents(given, (stands or ends)[0])
     spine = [hanging[0] if free and hanging else (stands or ends)[-1]]
-    while parents[spine[-1]] is not None:
+    while parents[spine[-1]] >= 0:
         spine.append(parents[spine[-1]])
     spine.reverse()
-    legs = []
-    if free or not hanging:
-        legs = [leg for block in spine if (leg := _leg(given, block, spine))]
+    every = (_leg(given, top, spine) for top in spine if free or not hanging)
+    legs = [leg for leg in every if leg]
     if hanging and (legs or not free):
         given.refuse(hanging[0], "hangs at one joint; a line must show where it stands")
-    return [*legs, [None, *spine, *([] if free else [None])]]
+    return [*legs, [-1, *spine, *([] if free else [-1])]]
 
 
-def _parents(given: Blocks, root: int) -> dict[int, int | None]:
-    """Return the blocks that hang together with `root`, each with the one before it.
+def _parents(given: Blocks, root: int) -> dict[int, int]:
+    """Return the blocks that hang together with `root`, each with the one before it, or -1.
 
     `GeometryError` if they close a ring.
     """
-    parents: dict[int, int | None] = {root: None}
+    parents = {root: -1}
     order = [root]
     for block in order:
         for other in given.joints[block].keys() - {parents[block]}:
@@ -466,10 +475,10 @@ def _parents(given: Blocks, root: int) -> dict[int, int | None]:
     return parents
 
 
-def _leg(given: Blocks, top: int, spine: Sequence[int]) -> list[int | None]:
+def _leg(given: Blocks, top: int, spine: Sequence[int]) -> list[int]:
     """Return the path from the ground to a block of the spine; empty if it is no top course."""
     leg = [top]
-    while ahead := given.joints[leg[-1]].keys() - {*spine, *leg}:
+    while ahead := [*(given.joints[leg[-1]].keys() - {*spine, *leg})]:
         if len(ahead) > 1:
             given.refuse(
                 leg[-1], "has three joints, and is no top course: a pier may not branch"
@@ -481,7 +490,7 @@ def _leg(given: Blocks, top: int, spine: Sequence[int]) -> list[int | None]:
                 block, "stands on the ground between joints; only ends of piers may"
             )
     inside = top not in (spine[0], spine[-1])
-    return [None, *leg[::-1]] if leg[1:] or (inside and top in given.standing) else []
+    return [-1, *leg[::-1]] if leg[1:] or (inside and top in given.standing) else []
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
@@ -73,7 +74,7 @@ class Shape:
         return self.spans[0].joints[0], self.spans[-1].joints[-1] + self.free_end
 
     @property
-    def pairs(self) -> NDArray[np.int64]:
+    def pairs(self) -> NDArray:
         """Bodies before and after each joint, numbered as in `Chain.body`, (n_joint, 2)."""
         return pairs_of(self.n_joint, self.chain.body)
 
@@ -99,6 +100,13 @@ class Shape:
         number = part.joints.index(joint)
         name = "base" if "pier" in part.name and not number else f"joint {number}"
         return name if part.name == "arch" else f"{part.name}, {name}"
+
+    def joint_numbers(self, most: int) -> Iterator[tuple[int, str]]:
+        """Yield joints to be numbered in a drawing, about `most`, with numbers in their parts."""
+        step = -(-self.n_joint // most)
+        for part in self.parts:
+            numbers = range(0, len(part.joints), step)
+            yield from ((part.joints[i], str(i)) for i in numbers)
 
     @property
     def joint_depths(self) -> FloatArray:

@@ -159,8 +159,8 @@ def _by_numbers(options: Named) -> ArchEntry:
     except ValidationError as error:
 
         def option(at) -> str:
-            name = "drawing_unit" if at[0] == "unit" else str(at[0])
-            name = f"pier_{at[-1] if at[1:] else 'height'}" if name == "piers" else name
+            names = {"unit": "drawing_unit", "piers": "pier_height"}
+            name = f"pier_{at[-1]}" if len(at) > 1 else names.get(at[0], str(at[0]))
             return "--" + name.replace("_", "-")
 
         what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
@@ -204,7 +204,12 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
         lines.append(f"ground towards {towards}: {moves}{how}")
     loss = standing.edge_loss(arch)
     cautions = standing.arch_cautions(arch, start)
-    lines += filter(None, [standing.edge_text(arch, loss), standing.joints_text(arch)])
+    texts = (
+        start.across_text,
+        standing.edge_text(arch, loss),
+        standing.joints_text(arch),
+    )
+    lines += filter(None, texts)
     text = "\n".join(lines)
     if not start.stands:
         text = standing.prestress_text(arch) or "does not stand under its own weight"
@@ -212,6 +217,9 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
     facts |= {"places": arch.places} if arch.places else {}
     facts |= {"loss_10_mm": loss, "cautions": cautions}
+    if start.across is not None:
+        name, column = start.across
+        facts["across"] = {"pier": name, "onset": column.least}
     if start.stands and spread is not None:
         path = springing_path(arch, spread=spread)
         last = path.part.size - 1

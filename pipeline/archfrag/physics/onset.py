@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.physics.contact.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
+from archfrag.physics.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.state import Model, Work
 
 FEASIBLE = 1e-12

@@ -3,7 +3,8 @@
 The arrays of state and workspace hold one run, or four (`physics.kernels.primitives.LaneArray`).
 Rows count bodies with the ground: row 0 is the ground of the left base, row i the i-th body, the
 rows from ``Model.end`` on are the grounds of the other bases, the right one last. Joint j lies
-between the rows ``Model.body[j]``, or j and j + 1 where that is None; a chain with a free end has no joint before the last row.
+between the rows ``Model.body[j]``, or j and j + 1 where that is None; a chain with a free end has
+no joint before the last row.
 
 Kernels take model, state, work, options and output in this order; `model`, `state` and `work` are
 those below unless a docstring says otherwise.
@@ -42,7 +43,7 @@ Zeros = Callable[[tuple[int, ...]], Any]
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
-    # Of a bridge of several spans; None for a row, see `archfrag.physics.contact.neighbours`.
+    # Of a bridge of several spans; None for a row, see `archfrag.physics.neighbours`.
     body: ndarray | None  # (n_joint, 2) rows of the bodies before and after each joint
     # (n_joint,) at the spine's joints on either side of a top course, the joint of its pier
     # below; else -1

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.arch.marks import AREAS, Mark, joint_numbers
+from archfrag.arch.marks import AREAS, Mark
 from archfrag.fragility.verdicts import Verdict
 from archfrag.report.html import TEXTS, onset_text
 from archfrag.report.inputs import ArchResults
@@ -97,8 +97,8 @@ def arch_at_onset(sheet: Sheet, onset: Onset, name: str) -> str | Words:
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
     words = []
     long = len(onset.arch.spans) > 1  # one drawing below the other
-    across = 0.0 if long else 0.5 * sheet.width
-    for left, towards in ((0.0, "+x"), (across, "-x")):
+    second = 0.0 if long else 0.5 * sheet.width
+    for left, towards in ((0.0, "+x"), (second, "-x")):
         limit, *_ = onset.mechanism(towards)
         words.append(f"{onset_text(limit)} towards {towards.replace('-', '−')}")
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
@@ -138,7 +138,7 @@ def _at_onset(
         away = -16.0 if "pier" in part.name else -34.0
         inside |= {*(() if "pier" in part.name else part.joints)}
         _label_joint(panel, arch, half, away, part.name, "s", taken)
-    for joint, number in joint_numbers(arch, _MOST_NUMBERS * len(arch.spans)):
+    for joint, number in arch.joint_numbers(_MOST_NUMBERS * len(arch.spans)):
         away = -14.0 if joint in inside else 16.0
         _label_joint(panel, arch, joint, away, number, "s q", taken if inside else [])
     sheet.height = max(sheet.height, below + 11.0)

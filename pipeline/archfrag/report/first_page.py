@@ -47,6 +47,7 @@ PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _SEEN = 0.001  # difference of probabilities that matters
 _MOST = (270.0, 180.0)  # width and height of an arch, and of two [px]
 _SMALL = (270.0, 130.0)
+_LEAST = 90.0  # width of a span with dimension lines, in a bridge [px]
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Curve]:
@@ -91,7 +92,8 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
         what = "collapse"
     arches = list(_arches(inputs))
     # The frames are as high as the drawings beside them.
-    columns = 2 if len(arches) > 1 else 4
+    long = example is not None and len(example.arch.spans) > 2
+    columns = 2 if len(arches) > 1 or long else 4
     moving = example and film(
         example, "first", f"A {what}", what == "near miss", columns
     )
@@ -277,6 +279,7 @@ def _arch(name: str, onset: Onset, named: bool, most: Range) -> Picture:
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
     caption = f"Drawn: {name}. " * named
+    caption += f"{words}. " * words[0].isdigit()
     if not onset.stands:
         caption += "It does not stand under its own weight."
         return Picture(sheet.svg(f"{name}: {words}"), caption)
@@ -318,6 +321,8 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
     span = f"{'clear ' * drawing}span {np.ptp(ends[:, 0]):.3g} m"
     words = span, f"rise {rise:.3g} m", f"thickness {thickness:.3g} m"
     start, end = panel.at_x(np.sort(ends[:, 0]))
+    if end - start < _LEAST and len(arch.spans) > 1:
+        return f"{len(arch.spans)} spans, the widest: {', '.join(words)}"
     base = float(panel.at_y(springing))
     _measure(sheet, (start, base + 16.0), (end, base + 16.0), words[0])
     middle = float(panel.at_x(crown[0]))

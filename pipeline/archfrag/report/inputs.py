@@ -77,7 +77,16 @@ _MADE_BY = (
 _HEAD = "Results of archfrag"
 _FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each file is
 
-_MODELLED = {"friction", "dead_load", "fill", "spans", "piers", "ends", *LATER}
+_MODELLED = {
+    "friction",
+    "dead_load",
+    "fill",
+    "spans",
+    "piers",
+    "ends",
+    "across",
+    *LATER,
+}
 _PLACED = ("joint", "place", "part")
 _MOST_GROUPS = 10
 _MOST_RATIOS = 8  # arches or classes whose ratios are told

@@ -117,6 +117,8 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
                 value or value_of(arch, "ends") or arch.get("several")
                 for value, arch in zip(values, arches)
             ]
+        if key == "across":
+            values = [*map(bool, values)]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]
         count = sum(map(_is_set, values))

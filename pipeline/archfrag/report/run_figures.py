@@ -264,8 +264,8 @@ def groupings(
     parts = part, [each.name for each in arch.parts]
     group = results.runs.group
     return [
-        contributions(collapsed, *each, confidence=confidence, groups=group)
-        for each in (modes, joints, parts)[: 3 if arch.places else 2]
+        contributions(collapsed, labels, names, confidence=confidence, groups=group)
+        for labels, names in (modes, joints, parts)[: 3 if arch.places else 2]
     ]
 
 
@@ -350,8 +350,9 @@ def timeline(sheet: Sheet, example: Example) -> Words | None:
     middle = Panel(sheet, box, (start, end), (-0.6, n_joint - 0.4))
     step = max(1, -(-n_joint // int(height / 13.0)))
     if example.arch.places:
-        firsts = np.cumsum([0, *(len(part.joints) for part in example.arch.parts[:-1])])
-        middle.axis_y(ticks=firsts, labels=[part.name for part in example.arch.parts])
+        sizes = np.array([len(part.joints) for part in example.arch.parts])
+        ticks = np.cumsum(sizes) - 0.5 * sizes - 0.5
+        middle.axis_y(ticks=ticks, labels=[part.name for part in example.arch.parts])
     else:
         middle.axis_y("joint", ticks=np.arange(0, n_joint, step))
     for k, (_, colour, mark) in states:

@@ -170,7 +170,8 @@ def _arch_parts(
                 f"Onset towards {towards.replace('-', '−')}: {onset.places(towards)}."
             )
             yield paragraph(words)
-    texts = facts_text(arch), edge_text(arch, edge_loss(arch)), joints_text(arch)
+    edges = edge_text(arch, edge_loss(arch))
+    texts = onset.across_text, facts_text(arch), edges, joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
@@ -289,6 +290,10 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
             plus = "none"
             about = "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
+        if onset.across is not None:
+            pier, column = onset.across
+            across = onset_text(column.least)
+            figures.append(["onset across the bridge", across, f"of {pier}"])
     shown = [(label, count) for label, count in counts.items() if count]
     parts += [facts(figures, "figures"), facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(lines(parts))

@@ -9,8 +9,8 @@ from archfrag.motions.motion import Motion
 from archfrag.physics.kernels.kernel import COMPILED
 from archfrag.physics.methods.registry import (
     AUTO,
-    METHODS,
     BY_STEPS,
+    METHODS,
     MethodInfo,
     known_methods,
 )

@@ -167,12 +167,10 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint, collapse_mode
-        Time [s] and joint of the loss of contact for good, else nan and -1. "hinging" if rotation
-        [rad] exceeded slip over length there, else "sliding"; "lift_off", "overturning", "none".
-    collapse_place, lost_contact_place : str
-        Names of these joints, such as "span 2, joint 5" (`Arch.place`); empty if there is none.
+        Time [s] and joint of the loss of contact for good, else nan and -1 (`collapse_place` names
+        it). "hinging" if rotation [rad] exceeded slip over length, else "sliding"; "none" etc.
     lost_contact_time, lost_contact_joint, lost_contact_mode
-        The same for the first gap at both corners of a joint of more than 2 % of its length.
+        The same of the first gap at both corners over 2 % of the length; `lost_contact_place`.
     peak_rotation, peak_displacement, residual_rotation, residual_displacement : float
         Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
         ground [m], in the whole run (peak) and at its end (residual).

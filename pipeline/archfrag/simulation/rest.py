@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, starmap
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
 STANDS_TOLERANCE = 1e-12
 # Overlap, over joint length, that an initial state may have: what time stepping leaves.
 MOST_OVERLAP = 1e-5
+NEEDS_SPACE = (
+    "a plane model is not enough where across governs, for a skewed or curved bridge, and for "
+    "spandrel walls that fall out of their plane: these need three dimensions"
+)
 # Positions of a mechanism that are evaluated, up to this rotation of the first body [rad].
 POSITIONS = 4000
 LARGEST_ROTATION = 0.5 * np.pi
@@ -70,6 +75,9 @@ class Onset:
     normal : ndarray, (n_joint,) or None
         Normal forces of the joints under self-weight, which belong to `thrust` [N].
     arch : Arch
+    across : (str, Onset) or None
+        The pier that moves first across the bridge, and the onset of its column; None without
+        piers.
 
     Examples
     --------
@@ -100,6 +108,48 @@ class Onset:
             return self.minus, self.hinges_minus, self.sliding_minus
         raise InputError(f"towards = {towards!r} must be +x or -x")
 
+    @property
+    def least(self) -> float:
+        """The smaller of the limits towards +x and -x [g]."""
+        return min(self.plus, self.minus)
+
+    @cached_property
+    def across(self) -> tuple[str, Onset] | None:
+        """The pier that moves first across the bridge, and the onset of its column.
+
+        See `Arch.across`; of the bridge as it was built, without recesses, joints, strength, moved
+        springings and ties. None if the arch has no piers.
+        """
+        piers = [part.name for part in self.arch.parts if "pier" in part.name]
+        if not piers:
+            return None
+        built = self.arch.rebuilt()
+        return min(
+            ((name, onset(built.across(name))) for name in piers),
+            key=lambda found: found[1].least,
+        )
+
+    @property
+    def across_text(self) -> str:
+        """Onsets across and along the bridge in words, and which governs; empty without piers."""
+        if self.across is None:
+            name = self.arch.parameters.get("across")
+            text = f"the column is {name} across the bridge with its share of rings and fill"
+            return text * bool(name)
+        if not self.stands:
+            return ""
+        name, column = self.across
+        moves = [
+            "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
+            for value in (column.least, self.least)
+        ]
+        governs = "across" if column.least < self.least else "along"
+        return (
+            f"across the bridge {name}, {column.arch.extent[0]:.4g} m deep, with its share of "
+            f"rings and fill {moves[0]}, along it the bridge {moves[1]}: {governs} governs; "
+            f"{NEEDS_SPACE}"
+        )
+
     def thrust_line(self, towards: str | None = None) -> FloatArray | None:
         """Return the thrust line for a drawing, (n_point, 2) [m]; None if it is not known.
 
@@ -123,8 +173,8 @@ class Onset:
                 centre = self.thrust_minus
         if centre is None:
             return []
-        strands = strands_of(self.arch)
-        return [thrust_curve(self.arch, centre, load, strand) for strand in strands]
+        rows = joint_rows(self.arch)
+        return [thrust_curve(self.arch, centre, load, joints) for joints in rows]
 
     def marks(self, towards: str) -> list[Mark]:
         """Return what a drawing shows of the mechanism: thrust lines, sliding joints, hinges."""
@@ -154,7 +204,11 @@ class Onset:
 
     def __repr__(self) -> str:
         plus, minus = (self._text(towards) for towards in ("+x", "-x"))
-        return f"<Onset {plus}\n       {minus}>"
+        words = [f"<Onset {plus}", minus]
+        if self.across is not None:
+            name, column = self.across
+            words.append(f"across {column.least:.4g} g: {name}")
+        return "\n       ".join(words) + ">"
 
     def _text(self, towards: str) -> str:
         limit, hinges, sliding = self.mechanism(towards)
@@ -250,7 +304,7 @@ def contact_centres(work: Work, reaction: FloatArray) -> FloatArray:
     return arm + fraction[:, None] * along
 
 
-def strands_of(arch: Arch) -> list[range]:
+def joint_rows(arch: Arch) -> list[range]:
     """Return the joints of each pier and ring along which every body has two joints."""
     before, after = arch.pairs.T
     shared = np.bincount(after + 1)[before[1:] + 1] > 1  # of top courses
@@ -259,7 +313,7 @@ def strands_of(arch: Arch) -> list[range]:
 
 
 def _bodies_of(arch: Arch, first: int, last: int) -> slice:
-    """Return the bodies of a strand behind its joint `first`, up to its joint `last`.
+    """Return the bodies of a row behind its joint `first`, up to its joint `last`.
 
     With `last` beyond the joints of a chain with a free end it is up to that end.
     """
@@ -267,17 +321,18 @@ def _bodies_of(arch: Arch, first: int, last: int) -> slice:
     return slice(arch.pairs[first, 1], end)
 
 
-def thrust_curve(arch: Arch, centre: NDArray, load: float, strand: range) -> FloatArray:
-    """Return the thrust line of a strand under weights and a steady load [g], (n_point, 2) [m].
+def thrust_curve(arch: Arch, centre: NDArray, load: float, joints: range) -> FloatArray:
+    """Return the thrust line of a row of joints under weights and a steady load [g].
 
-    It passes through the contact centres `centre`, (n_joint, 2), with curves between them. In an
-    arch with ties, which add forces to bodies, it is straight between them.
+    It is (n_point, 2) [m]. It passes through the contact centres `centre`, (n_joint, 2), with
+    curves between them. In an arch with ties, which add forces to bodies, it is straight between
+    them.
     """
     chain = arch.chain
-    centre = centre[strand.start : strand.stop]
-    if arch.pulled or len(centre) == 1 and not arch.free_end:
+    centre = centre[joints.start : joints.stop]
+    if arch.pulled or (len(centre) == 1 and not arch.free_end):
         return centre[np.isfinite(centre).all(axis=1)]
-    bodies = _bodies_of(arch, strand[0], strand[-1] + arch.free_end)
+    bodies = _bodies_of(arch, joints[0], joints[-1] + arch.free_end)
     body = arch.centroids[bodies]
     force = chain.mass[bodies, None] * np.array([-load, -1.0])
     # The force beyond each body less that before the first one.
@@ -373,9 +428,9 @@ def check_initial(initial, arch: Arch) -> tuple[NDArray, NDArray]:
         gap = clearance(j, corner, work) / model.length[j]
         if gap < -MOST_OVERLAP:
             raise InputError(
-                f"initial position lets the bodies at {arch.place(j)} overlap by {-gap:.2g} of its "
-                f"length at the {arch.corner_name(corner, j)}; at most {MOST_OVERLAP:g}, a rounding, "
-                "is allowed"
+                f"initial position lets the bodies at {arch.place(j)} overlap by {-gap:.2g} of "
+                f"its length at the {arch.corner_name(corner, j)}; at most {MOST_OVERLAP:g}, a "
+                "rounding, is allowed"
             )
     return shift, velocity
 
@@ -417,7 +472,7 @@ def static_limit(arch: Arch, start: Onset) -> float:
     for towards in ("+x", "-x"):
         _, hinges, sliding = start.mechanism(towards)
         joints = {joint for joint, _ in hinges}
-        alone = any(joints <= {*strand} for strand in strands_of(arch))
+        alone = any(joints <= {*row} for row in joint_rows(arch))
         count = 1 if arch.free_end else 4
         if not sliding and len(hinges) == count and alone:
             limits += [_limit(arch, hinges, sense) for sense in (1.0, -1.0)]

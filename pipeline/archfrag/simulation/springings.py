@@ -212,15 +212,7 @@ def ground_of(
     own = own_motions(arch, wave_speed, bases)
     delays = [given for given in own.values() if not isinstance(given, Motion)]
     lead = math.ceil(-min(delays, default=0.0) / dt)
-    left = motion
-    if lead:
-        start = motion.record_start
-        left = motion.changed(
-            lambda wave: np.pad(wave, (lead, 0)),
-            f"Begins {lead * dt:g} s later; another base moves before.",
-            record_start=start + lead * dt if start else 0.0,
-        )
-    waves = []
+    moved = []
     for name, given in own.items():
         late, delay = (given, 0.0) if isinstance(given, Motion) else (motion, given)
         if late.dt != dt:
@@ -228,25 +220,33 @@ def ground_of(
                 f"bases: the motion of {name} has a time step of {late.dt:g} s and the motion of "
                 f"the left base one of {dt:g} s; they must be equal"
             )
-        both = late.acceleration, late.vertical
-        waves.append([_delayed(wave, dt, lead, delay) for wave in both])
-    table = np.zeros((len(waves), 2, max(x.size for x, _ in waves)))
-    for row, pair in zip(table, waves):
-        for c, wave in enumerate(pair):
-            row[c, : wave.size] = wave
+        moved.append(_later(late, lead, delay))
+    left = moved[0]
+    table = np.zeros((len(moved), 2, max(each.acceleration.size for each in moved)))
+    for row, each in zip(table, moved):
+        for wave, to in ((each.acceleration, row[0]), (each.vertical, row[1])):
+            to[: each.acceleration.size] = 0.0 if wave is None else wave
     apart = table[1:] - table[0]
     if not apart.any():  # motions that are equal are one
         return Ground(left.acceleration, left.vertical, dt, None, left)
-    vertical = table[0, 1] if any(y.size for _, y in waves) else None
+    flat = all(each.vertical is None for each in moved)
+    vertical = None if flat else table[0, 1]
     return Ground(table[0, 0], vertical, dt, np.moveaxis(apart, 2, 0), left)
 
 
-def _delayed(wave: FloatArray | None, dt: float, lead: int, delay: float) -> FloatArray:
-    """Return samples, `dt` apart [s], that come `lead` samples and `delay` [s] later."""
-    if wave is None:
-        return np.zeros(0)
-    if not delay:
-        return np.pad(wave, (lead, 0))
-    later = lead * dt + delay
-    time = dt * np.arange(len(wave) + math.ceil(later / dt)) - later
-    return np.interp(time, dt * np.arange(len(wave)), wave, 0.0, 0.0)
+def _later(motion: Motion, lead: int, delay: float) -> Motion:
+    """Return a motion that comes `lead` samples and `delay` [s] later."""
+    if not lead and not delay:
+        return motion
+    later = lead * motion.dt + delay
+
+    def moved(wave: FloatArray) -> FloatArray:
+        if not delay:
+            return np.pad(wave, (lead, 0))
+        size = len(wave) + math.ceil(later / motion.dt)
+        time = motion.dt * np.arange(size) - later
+        return np.interp(time, motion.time, wave, 0.0, 0.0)
+
+    start = motion.record_start
+    done = f"Begins {later:g} s later."
+    return motion.changed(moved, done, record_start=start and start + later)

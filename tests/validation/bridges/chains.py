@@ -182,9 +182,9 @@ def onset_by_programme(chain, sense=1.0):
     return found.x[-1] if found.success else math.nan
 
 
-def random_bridge(generator):
-    """Return rings, piers and densities of two to five unequal spans."""
-    spans = generator.integers(2, 6)
+def random_bridge(generator, spans=None):
+    """Return rings, piers and densities of unequal spans, by default two to five."""
+    spans = spans or generator.integers(2, 6)
     radius = generator.uniform(2.0, 6.0, spans)
     thickness = radius * generator.uniform(0.15, 0.25, spans)
     rings = [

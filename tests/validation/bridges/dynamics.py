@@ -180,7 +180,7 @@ def _move(inverse, home, bodies, face, friction, gravity, gained, step):
                 arm[c], bodies[c // 4], inverse, velocity, impulse[c, 0], impulse[c, 1]
             )
         order = np.flatnonzero(on_face)
-        for sweep in range(MOST_SWEEPS):
+        for _ in range(MOST_SWEEPS):
             change, size = _sweep(
                 order,
                 bodies,

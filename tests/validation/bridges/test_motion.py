@@ -109,7 +109,7 @@ def test_random_bridges_under_records(bridges):
         friction = generator.uniform(0.5, 0.9)
         chain = chain_of(**random_bridge(generator), friction=friction)
         level = onset_by_programme(chain) * np.array([1.2, 1.8, 2.7, 4.0])
-        options, found = run_many(chain, record * (g / record.pga), level)
+        options, found = run_many(chain, record * (g / record.pga), level, follow=60.0)
         assert np.isin(found.status, (Status.STANDING, Status.COLLAPSED)).all()
         energy = found.energy.T
         parts = [Energy.GROUND, Energy.FRICTION, Energy.IMPACT, Energy.BALANCE_ERROR]
@@ -129,7 +129,7 @@ def test_wide_piers_leave_each_span_alone():
     stiff = arc(2.5, 1.0, 3)
     for k in range(3):
         rings = [ring if i == k else stiff for i in range(3)]
-        chain = chain_of(rings, [Pier(1500.0, 4.0, 1)] * 2)
+        chain = chain_of(rings, [Pier(150.0, 4.0, 1)] * 2)
         found = run_many(chain, pulse, [0.36, 0.44])[1]
         column = Peak.DISPLACEMENT
         assert found.peak[:, column] == pytest.approx(alone.peak[:, column], rel=1e-4)

@@ -15,10 +15,10 @@ limit of infinite stiffness.
 from typing import NamedTuple
 
 from archfrag.physics.contact.laws import contact_of, touching
-from archfrag.physics.contact.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.contact.placing import relative_velocity
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
+from archfrag.physics.neighbours import bed_of, follows, is_behind_fork, row_of
 from archfrag.physics.numbers import choose, copy_rows, dot, larger
 
 MOST_CORRECTIONS = 6

@@ -7,9 +7,9 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 import math
 
 from archfrag.physics.contact.laws import MINUS, PLUS, along, cross, touching
-from archfrag.physics.contact.neighbours import row_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.neighbours import row_of
 from archfrag.physics.numbers import choose, larger, sine_cosine, smaller
 
 # Slip over joint length below which two vertices count as one point.

@@ -18,10 +18,10 @@ import math
 
 from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.laws import along, cross
-from archfrag.physics.contact.neighbours import row_of
 from archfrag.physics.contact.placing import inwards, outwards
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import select
+from archfrag.physics.neighbours import row_of
 from archfrag.physics.numbers import copy_rows, larger, sine_cosine
 from archfrag.physics.state import Model
 from archfrag.physics.status import Tie, TieMode, TieState, TieWork

@@ -84,8 +84,8 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(largest * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-# Methods that take joints that give, and several spans. With such joints their equal steps are this part of the largest step with
-# rigid joints.
+# Methods that take joints that give, and several spans. With joints that give their equal steps
+# are this part of the largest step with rigid ones.
 BY_STEPS = (AUTO, "time_stepping")
 FACE_STEP = 0.5
 

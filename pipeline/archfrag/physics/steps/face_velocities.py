@@ -13,11 +13,11 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from archfrag.physics.contact.blocks import block_of, factorise_block, solve_block
-from archfrag.physics.contact.neighbours import ahead_of, end_of, row_of
 from archfrag.physics.contact.placing import corner_rate_at, turn_of
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import fused, opposite, select, some
 from archfrag.physics.kernels.structs import struct
+from archfrag.physics.neighbours import ahead_of, end_of, row_of
 from archfrag.physics.numbers import copy_rows, dot, flag, larger, smaller
 from archfrag.physics.steps.face_law import Gaps, bear
 from archfrag.physics.steps.step import normal_of

@@ -131,10 +131,10 @@ def write_rest(runs, output):
     tiny = 1e-9 * runs.grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
     impulse = impulse_between(runs.grounds, clock, time - tiny, time + tiny)
+    work.free[:] = 0.0
     for i in range(1, model.end):
         work.free[i, 0] = -impulse.x / (2.0 * tiny)
         work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
-        work.free[i, 2] = 0.0
     for j in range(state.slip.size):
         for k in range(2):
             work.candidate[j, k] = state.contact[j, k]

@@ -23,7 +23,6 @@ import math
 
 from archfrag.physics.collapse import follow_joints
 from archfrag.physics.contact import placing
-from archfrag.physics.contact.neighbours import end_of, row_of
 from archfrag.physics.contact.ties import accept_pulls, aim_pulls
 from archfrag.physics.energy import (
     kinetic_energy,
@@ -33,6 +32,7 @@ from archfrag.physics.energy import (
 )
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.neighbours import end_of, row_of
 from archfrag.physics.numbers import flag, larger, nearest, smaller
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count, Energy, Peak

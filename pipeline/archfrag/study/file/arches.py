@@ -38,6 +38,7 @@ from archfrag.properties import (
     VARIABLE,
 )
 from archfrag.simulation.joints import jointed
+from archfrag.simulation.rest import onset
 from archfrag.simulation.springings import move_springing
 from archfrag.study.keys import PathText, Section, at, refuse
 
@@ -359,7 +360,7 @@ COLUMNS = (
     "ends.courses",
 )
 # Keys of a whole bridge; others are those of its rings.
-_OF_ALL = ("id", "spans", "piers", "ends", "fill", "vary", *LATER)
+_OF_ALL = ("id", "spans", "piers", "ends", "across", "fill", "vary", *LATER)
 _OF_RINGS = [key for key, row in _ROWS if {*row.needed, *row.taken} & {*PROFILES}]
 _OF_RINGS = [
     "profile",
@@ -432,6 +433,10 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     ends: OneOrList[Pier | None] | None = None
     """Outer piers or buttresses: one block for both, or a list [left, right], empty for one whose
     springing is on the ground."""
+    across: bool | str | None = None
+    """A pier, such as "pier 1" or "left pier": the arch is its column across the bridge, with its
+    share of rings and fill; true: of the pier that moves first. Depths are then those of the
+    real bridge, and recess and joints those of the column's joints, from the base up."""
     fill: Fill | None = None
     """Fill and backing, as weight and mass."""
     recess: Recess | None = None
@@ -481,14 +486,20 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             if not distribution.relative and isinstance(self.value(key), list):
                 text = f"would replace the list {key}; give factors on it, with relative: true"
                 raise refuse(text, f"vary.of.{key}")
-        for key in of if isinstance(self.spans, list) else ():
-            for number, own in enumerate(self.spans):
-                if key in own:
-                    text = f"would not change spans[{number}], which has its own"
-                    raise refuse(text, f"vary.of.{key}")
-        scatter = self.vary.each_joint if self.vary and self.is_bridge else None
-        own = self.value("piers.friction") is None is self.value("ends.friction")
-        many = isinstance(self.friction, list | None) or not own
+        for number, ring in enumerate(
+            self.spans if isinstance(self.spans, list) else ()
+        ):
+            for key in ring.keys() & of.keys():
+                text = f"would not change spans[{number}], which has its own"
+                raise refuse(text, f"vary.of.{key}")
+        scatter = self.vary.each_joint if self.vary else None
+        if self.across and scatter and (scatter.position or scatter.friction):
+            raise refuse("with across can only have recesses", "vary.each_joint")
+        scatter = scatter if self.is_bridge else None
+        keys = ("piers.friction", "ends.friction")
+        many = isinstance(self.friction, list | None) or any(
+            self.value(key) is not None for key in keys
+        )
         if scatter and (scatter.position or (scatter.friction and many)):
             text = "with piers cannot have position, or friction unless all joints share one"
             raise refuse(text, "vary.each_joint")
@@ -498,6 +509,9 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     def _stand_together(self) -> Self:
         if self.table:
             return self
+        for key in ("springings", "ties") if self.across else ():
+            if getattr(self, key) is not None:
+                raise refuse("is of the whole bridge; across takes a pier alone", key)
         count = len(self.spans) if isinstance(self.spans, list) else self.spans or 1
         if self.piers and self.spans is None:
             text = "stand between spans; those of a single span are ends: {height: ...}"
@@ -532,9 +546,10 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
         """
         shared = self.model_dump(exclude_none=True, include={*_OF_RINGS})
         many = isinstance(self.spans, list)
+        owns: list[Named] = self.spans if isinstance(self.spans, list) else [{}]
         found = []
         used = set[str]()
-        for number, own in enumerate(self.spans if many else [{}]):  # type: ignore[arg-type]
+        for number, own in enumerate(owns):
             kind = str(own.get("profile", self.profile))
             can = {"profile", *_COMMON, *sum(self.kinds.get(kind, ((), ())), ())}
             keys = {
@@ -544,11 +559,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
             place = f"cannot have spans[{number}]" if many else "cannot have such spans"
             given = {"id": "arch", **keys, **own}
             with at(place, given, kind=refuse):
-                for key in {*map(str, own)} - {*_OF_RINGS}:
-                    raise InputError(f"{key} is not a key of a span")
+                for name in {*map(str, own)} - {*_OF_RINGS}:
+                    raise InputError(f"{name} is not a key of a span")
                 found.append(type(self).model_validate(given))
-        for key in shared.keys() - used:
-            raise refuse("is a key that no profile of spans has", key)
+        for unused in shared.keys() - used:
+            raise refuse("is a key that no profile of spans has", unused)
         return found if many else found * (self.spans or 1)  # type: ignore[operator]
 
     @property
@@ -627,6 +642,9 @@ def _built(entry: ArchEntry) -> "Arch":
     built = _rings(entry) if entry.is_bridge else _ring(entry)
     if entry.fill is not None:
         built = built.filled(**entry.fill.model_dump())
+    if entry.across:
+        first = onset(built).across or ("true",)
+        built = built.across(first[0] if entry.across is True else entry.across)
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
     joints: Named = {"stiffness": math.inf, "strength": entry.strength or math.inf}

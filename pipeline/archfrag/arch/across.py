@@ -1,0 +1,106 @@
+"""A pier with its share of rings and fill, as a column that rocks across the bridge."""
+
+import numpy as np
+
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch.bridge import moments_of_fill
+from archfrag.arch.building import Given, fields_of
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import square_height
+from archfrag.arch.ring import straight_ring
+from archfrag.arch.shape import Shape
+from archfrag.errors import GeometryError
+from archfrag.properties import LATER
+
+
+def column_of(arch: Shape, name: str) -> Given:
+    """Return what the column of a pier is built of, seen along the bridge; see `Arch.across`.
+
+    Parts of the column have the moments of their masses m about height y, across depths d,
+
+        M = sum m,   S = sum m y,   J = sum m (y² + k² + d²/12) - S²/M,
+
+    where k is the radius of gyration of a part about the level axis through its centroid. Each
+    body is as deep, along the bridge, as its mass asks for: a course by its mean width.
+    `GeometryError` if the arch has no such pier, or has changed since it was built.
+    """
+    later = sorted(set(LATER) & set(arch.parameters))
+    if later:
+        raise GeometryError(
+            f"the arch has {', '.join(later)} already; across comes before"
+        )
+    piers = [part.name for part in arch.parts if "pier" in part.name]
+    if name not in piers:
+        allowed = (
+            f"it must be {' or '.join(piers)}" if piers else "the arch has no pier"
+        )
+        raise GeometryError(f"across = {name!r} is impossible; {allowed}")
+    place = [part.name for part in arch.parts].index(name)
+    near = [(part, -1) for part in arch.parts[:place][-1:]]
+    near += [(part, 0) for part in arch.parts[place + 1 : place + 2]]
+    pier = arch.parts[place]
+    springings = [part.joints[end] for part, end in near]
+    rings = [body for part, _ in near for body in part.bodies]
+    density, mass, height, square = _bodies(arch, pier.every, rings)
+    joints = list(pier.joints)
+    lines = np.stack([arch.intrados, arch.extrados])
+    top = np.concatenate([arch.outlines[body] for body in rings])[:, 1].max()
+    top += arch.parameters.get("fill", {}).get("height_over_crown", 0.0)
+    level = [*lines[:, joints, 1].mean(axis=0), lines[:, springings, 1].min(), top]
+    across = arch.joint_depths
+    wide = arch.depths[rings].max()
+    faces = np.array([*across[joints], across[springings].min(), wide])
+    right = np.column_stack([0.5 * faces, level])
+    ring = straight_ring(right, right * [-1.0, 1.0])
+    sides = 0.5 * np.append(arch.depths[pier.every], wide)
+    box = np.array([[1, 0], [1, 1], [-1, 1], [-1, 0]])
+    outlines = [
+        np.column_stack([box[:, 0] * side, np.take(level, i + box[:, 1])])
+        for i, side in enumerate(sides)
+    ]
+    area = 2.0 * sides * np.diff(level)
+    sections = [
+        (own, np.array([0.0, y]), own * turned)
+        for own, y, turned in zip(area, height, square)
+    ]
+    friction = arch.chain.friction
+    return Given(
+        "across",
+        {"across": name},
+        ring._replace(sections=sections, outlines=outlines),
+        [*friction[joints], friction[springings].min()],
+        True,
+        density,
+        mass / (density * area),
+    )
+
+
+def _bodies(arch: Shape, pier: list[int], rings: list[int]) -> tuple[FloatArray, ...]:
+    """Return density [kg/m3], mass [kg], height [m] and J/M [m2] of courses and share.
+
+    `pier` and `rings` are the bodies of the pier and of the rings beside it.
+    """
+    given = arch.given._replace(fill=None)
+    bare = fields_of(given)["chain"]
+    spans = tuple(each._replace(dead_load=None) for each in given.spans)
+    stone = fields_of(given._replace(dead_load=None, spans=spans))["chain"]
+    turned = arch.depths**2 / 12.0
+
+    def moments(mass: FloatArray, y: FloatArray, square: FloatArray) -> FloatArray:
+        return np.column_stack([mass, mass * y, mass * (y**2 + square)])
+
+    own = turned + np.array([*map(square_height, arch.outlines)])
+    masonry = moments(stone.mass, stone.centroid[:, 1], own)
+    masonry += moments(bare.mass - stone.mass, np.array(arch.whole.backs)[:, 1], turned)
+    earth = np.zeros_like(masonry)
+    if "fill" in arch.parameters:
+        fill = moments_of_fill(arch.whole, arch.parameters["fill"])
+        earth = fill[:, [0, 2, 3]] * (arch.depths / STANDARD_GRAVITY)[:, None]
+        earth[:, 2] += earth[:, 0] * turned
+    share = 0.5 * (masonry + earth)[rings].sum(axis=0) + earth[pier].sum(axis=0)
+    mass, first, second = np.vstack([masonry[pier], share]).T
+    volume = arch.depths * [area for area, *_ in arch.whole.sections]
+    density = np.append(
+        stone.mass[pier] / volume[pier], stone.mass[rings].sum() / volume[rings].sum()
+    )
+    return density, mass, first / mass, second / mass - (first / mass) ** 2
