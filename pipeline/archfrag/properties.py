@@ -165,7 +165,7 @@ PROPERTIES = VARIABLE | {
         taken=DRAWN,
     ),
     **dict.fromkeys(
-        ("ends", "across", "fill", "springings", "ties"), Property(taken=_LOADED)
+        ("ends", "transverse", "fill", "springings", "ties"), Property(taken=_LOADED)
     ),
     **dict.fromkeys(
         ("spans", "piers"), Property(taken=_LOADED[:-1])

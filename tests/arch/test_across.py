@@ -25,7 +25,7 @@ def ring(radius=2.5, thickness=0.5, voussoirs=9, **more):
 
 def columns_of(bridge):
     names = [part.name for part in bridge.parts if "pier" in part.name]
-    return [bridge.across(name) for name in names]
+    return [bridge.transverse(name) for name in names]
 
 
 def test_a_monolithic_pier_rocks_about_its_base():
@@ -38,7 +38,7 @@ def test_a_monolithic_pier_rocks_about_its_base():
     above = 4.0 / (3.0 * math.pi) * (outer**3 - inner**3) / (outer**2 - inner**2)
     stone = width * height
     centroid = (stone * 0.5 * height + share * (height + above)) / (stone + share)
-    start = af.onset(bridge.across("pier 1"))
+    start = af.onset(bridge.transverse("pier 1"))
     assert start.plus == pytest.approx(0.5 * depth / centroid, rel=1e-9)
     assert start.minus == pytest.approx(start.plus, rel=1e-12)
     assert start.hinges == [(0, "extrados")]
@@ -87,7 +87,7 @@ def test_the_share_has_the_moments_of_rings_fill_and_backing():
     depth = 3.0
     rings = [ring(depth=depth), ring(2.5, 0.5, 8, depth=depth, dead_load=5e3)]
     bridge = af.Bridge(rings, {**PIER, "depth": 2.0, "density": 2300.0}).filled(**FILL)
-    column = bridge.across("pier 1")
+    column = bridge.transverse("pier 1")
     surface = bridge.intrados[bridge.spans[0].joints[0], 1] + 2.75 + 0.5
     levels = (surface, 18e3), (1.0, 4e3)  # backing in place of fill
     top = bridge.parts[1].top
@@ -131,7 +131,7 @@ def test_courses_are_prisms_with_the_width_of_the_pier_across():
         [ring(depth=2.5, friction=0.5)] * 2,
         {**PIER, "base_width": 2.0, "friction": 0.8},
     )
-    column = bridge.across("pier 1")
+    column = bridge.transverse("pier 1")
     np.testing.assert_allclose(column.chain.friction, [0.8, 0.8, 0.8, 0.5])
     ends = np.array([2.0, 2.0 - 0.8 / 3.0, 2.0 - 1.6 / 3.0, 1.2])
     np.testing.assert_allclose(column.depths[:3], 0.5 * (ends[1:] + ends[:-1]))
@@ -164,11 +164,11 @@ def test_the_least_of_the_piers_is_named_and_what_governs():
     tall = {**PIER, "height": 6.0}
     narrow = af.Bridge([ring()] * 3, [PIER, tall])
     start = af.onset(narrow)
-    name, column = start.across
+    name, column = start.transverse
     assert name == "pier 2"
-    assert column.plus == af.onset(narrow.across("pier 2")).plus < start.plus
+    assert column.plus == af.onset(narrow.transverse("pier 2")).plus < start.plus
     assert f"across {column.plus:.4g} g: pier 2>" in repr(start)
-    told = start.across_text
+    told = start.transverse_text
     assert "across the bridge pier 2, 1 m deep, with its share" in told
     assert f"moves from {column.plus:.4f} g, along it the bridge moves from" in told
     assert "across governs" in told
@@ -176,13 +176,13 @@ def test_the_least_of_the_piers_is_named_and_what_governs():
     assert "spandrel" in told
     assert "three dimensions" in told
     wide = af.onset(af.Bridge([ring(depth=8.0)] * 3, [PIER, tall]))
-    assert wide.across[1].plus > wide.plus
-    assert "along governs" in wide.across_text
+    assert wide.transverse[1].plus > wide.plus
+    assert "along governs" in wide.transverse_text
     alone = af.onset(ring())
-    assert alone.across is None
-    assert alone.across_text == ""
+    assert alone.transverse is None
+    assert alone.transverse_text == ""
     assert "across" not in repr(alone)
-    told = af.onset(narrow.across("pier 2")).across_text
+    told = af.onset(narrow.transverse("pier 2")).transverse_text
     assert (
         told
         == "the column is pier 2 across the bridge with its share of rings and fill"
@@ -193,13 +193,13 @@ def test_the_onset_across_is_that_of_the_bridge_as_built():
     bridge = af.Bridge([ring()] * 2, PIER)
     tied = bridge.recessed(0.01, 0.01).tied(1.0, area=1e-3, prestress=1e4)
     start = af.onset(tied)
-    assert start.across[1].plus == af.onset(bridge).across[1].plus
-    assert "across the bridge as it was built pier 1, 1 m deep" in start.across_text
+    assert start.transverse[1].plus == af.onset(bridge).transverse[1].plus
+    assert "across the bridge as it was built pier 1, 1 m deep" in start.transverse_text
 
 
 @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
 def test_a_column_runs_by_each_method(method):
-    column = af.Bridge([ring(depth=1.5)] * 2, PIER).across("pier 1").recessed(0.02)
+    column = af.Bridge([ring(depth=1.5)] * 2, PIER).transverse("pier 1").recessed(0.02)
     pulse = np.where(np.arange(0.0, 0.5, 0.002) < 0.3, 1.0, -0.6)
     motion = af.Motion(pulse, 0.002)
     for scale, falls in ((2.5, False), (20.0, True)):
@@ -224,11 +224,11 @@ def test_a_column_runs_by_each_method(method):
         (
             af.Bridge([ring()] * 2, PIER).tied(1.0, area=1e-3),
             "pier 1",
-            "the arch has ties already; across comes before",
+            "the arch has ties already; transverse comes before",
         ),
     ],
 )
 def test_what_has_no_column_is_refused(arch, pier, text):
     with pytest.raises(GeometryError) as error:
-        arch.across(pier)
+        arch.transverse(pier)
     assert str(error.value) == text

@@ -146,17 +146,17 @@ class TestWhatIsModelled:
         given = synthetic.inputs(arches={"ring": start})
         page = lxml.html.document_fromstring(render(given)[0])
         words = page.text_content()
-        value = f"{start.across[1].plus:.3f} g"
+        value = f"{start.transverse[1].plus:.3f} g"
         card = [each.text_content() for each in page.find_class("answer")]
         assert any(f"onset across the bridge{value}of pier 1" in each for each in card)
-        told = start.across_text
+        told = start.transverse_text
         assert f"{told[0].upper()}{told[1:]}." in words
         assert "three dimensions" in words
         assert "Motion across the plane is not modelled." in words
 
     def test_a_column_is_told(self):
         bridge = af.Bridge([RING] * 2, {**PIER, "courses": 8})
-        start = af.onset(bridge.across("pier 1"))
+        start = af.onset(bridge.transverse("pier 1"))
         given = synthetic.inputs(arches={"ring": start})
         page = lxml.html.document_fromstring(render(given)[0]).text_content()
         assert "onset across the bridge" not in page

@@ -58,38 +58,41 @@ def same(one, other):
 def test_the_key_gives_the_column_of_the_bridge(fill):
     bridge = built(**BRIDGE, fill=fill)
     for name in ("pier 1", "pier 2"):
-        same(built(**BRIDGE, fill=fill, across=name), bridge.across(name))
-    first = built(**BRIDGE, fill=fill, across=True)
-    assert first.parameters["across"] == af.onset(bridge).across[0] == "pier 2"
-    same(built(**BRIDGE, fill=fill, across=False), bridge)
+        same(built(**BRIDGE, fill=fill, transverse=name), bridge.transverse(name))
+    first = built(**BRIDGE, fill=fill, transverse=True)
+    assert first.parameters["transverse"] == af.onset(bridge).transverse[0] == "pier 2"
+    same(built(**BRIDGE, fill=fill, transverse=False), bridge)
 
 
 def test_outer_piers_have_columns_too():
     arch = built(**RING, ends=[PIER, TALL])
-    same(built(**RING, ends=[PIER, TALL], across="left pier"), arch.across("left pier"))
-    first = built(**RING, ends=[PIER, TALL], across=True)
-    assert first.parameters["across"] == "right pier"
+    same(
+        built(**RING, ends=[PIER, TALL], transverse="left pier"),
+        arch.transverse("left pier"),
+    )
+    first = built(**RING, ends=[PIER, TALL], transverse=True)
+    assert first.parameters["transverse"] == "right pier"
 
 
 def test_joints_of_the_column_have_recesses_stiffness_and_strength():
-    plain = built(**BRIDGE, across="pier 1")
+    plain = built(**BRIDGE, transverse="pier 1")
     more = {
         "recess": {"intrados": [0.0, 0.1, 0.0]},
         "joints": {"stiffness": 3e10},
         "strength": 5e6,
     }
     for key, value in more.items():
-        column = built(**BRIDGE, across="pier 1", **{key: value})
+        column = built(**BRIDGE, transverse="pier 1", **{key: value})
         assert column.n_joint == 3
         assert np.any(column.intrados != plain.intrados), key
-    built(**BRIDGE, across="pier 1", **more)
+    built(**BRIDGE, transverse="pier 1", **more)
 
 
 def test_columns_vary_with_their_bridge(tmp_path):
     of = {"piers.height": {**ROUGH, "relative": True}, "depth": {**ROUGH}}
     vary = {"samples": 4, "of": of, "each_joint": {"recess_intrados": ROUGH}}
     vary["each_joint"]["recess_intrados"] = {**ROUGH, "start": 0.0, "stop": 0.02}
-    entry = ArchEntry(**BRIDGE, across=True, vary=vary)
+    entry = ArchEntry(**BRIDGE, transverse=True, vary=vary)
     columns = [each.entry.build() for each in expand([entry])]
     assert len({column.extent[1] for column in columns}) == 4
     assert all(column.n_joint == 3 for column in columns)
@@ -97,36 +100,45 @@ def test_columns_vary_with_their_bridge(tmp_path):
     table.write_text("id,across\none,pier 1\ntwo,true\nwhole,\n")
     members = expand([ArchEntry(**BRIDGE, table=str(table))])
     one, two, whole = (each.entry.build() for each in members)
-    assert (one.parameters["across"], two.parameters["across"]) == ("pier 1", "pier 2")
+    assert (one.parameters["transverse"], two.parameters["transverse"]) == (
+        "pier 1",
+        "pier 2",
+    )
     assert len(whole.spans) == 3
 
 
 @pytest.mark.parametrize(
     ("entry", "part"),
     [
-        ({**RING, "across": True}, "across = 'true' is impossible; the arch has no pi"),
-        ({**RING, "across": "pier 1"}, "across = 'pier 1' is impossible; the arch has"),
-        ({**BRIDGE, "across": "pier 3"}, "must be pier 1 or pier 2"),
-        ({**BRIDGE, "across": "left pier"}, "must be pier 1 or pier 2"),
         (
-            {**BRIDGE, "across": True, "ties": [TIE]},
-            "ties is of the whole bridge; across takes a pier alone",
+            {**RING, "transverse": True},
+            "across = 'true' is impossible; the arch has no pi",
         ),
         (
-            {**BRIDGE, "across": True, "springings": {"spread": 0.01}},
-            "springings is of the whole bridge; across takes a pier alone",
+            {**RING, "transverse": "pier 1"},
+            "across = 'pier 1' is impossible; the arch has",
+        ),
+        ({**BRIDGE, "transverse": "pier 3"}, "must be pier 1 or pier 2"),
+        ({**BRIDGE, "transverse": "left pier"}, "must be pier 1 or pier 2"),
+        (
+            {**BRIDGE, "transverse": True, "ties": [TIE]},
+            "ties is of the whole bridge; transverse takes a pier alone",
+        ),
+        (
+            {**BRIDGE, "transverse": True, "springings": {"spread": 0.01}},
+            "springings is of the whole bridge; transverse takes a pier alone",
         ),
         (
             {
                 **BRIDGE,
-                "across": True,
+                "transverse": True,
                 "vary": {"samples": 2, "each_joint": {"friction": ROUGH}},
             },
-            "vary.each_joint with across can only have recesses",
+            "vary.each_joint with transverse can only have recesses",
         ),
         (
             {"id": "b", "profile": "block", "width": 1.0, "height": 2.0}
-            | {"friction": 0.6, "across": True},
+            | {"friction": 0.6, "transverse": True},
             "across is not a known key; allowed are",
         ),
     ],
@@ -141,7 +153,7 @@ def test_what_has_no_column_is_refused_in_one_sentence(entry, part):
 def written(folder, **more):
     text = STUDY.format(
         bridge=json.dumps({**BRIDGE, "id": "along"}),
-        column=json.dumps({**BRIDGE, "id": "over", "across": True}),
+        column=json.dumps({**BRIDGE, "id": "over", "transverse": True}),
     )
     return small_study(folder, text, "pair.yaml")
 
@@ -151,16 +163,16 @@ def test_validate_and_onset_state_both(tmp_path):
     start = af.onset(load_study(path).members[0].entry.build())
     told = command("validate", path).output
     assert "along: the rings weigh" in told
-    assert start.across_text in told
-    assert "across governs" in start.across_text
+    assert start.transverse_text in told
+    assert "across governs" in start.transverse_text
     assert "the column is pier 2 across the bridge" in told
     told = command("onset", "--study", path, "--arch", "along").output
-    assert start.across_text in told
+    assert start.transverse_text in told
     told = command("onset", "--study", path, "--arch", "along", "--json").output
-    found = json.loads(told.splitlines()[0])["across"]
-    assert found == {"pier": "pier 2", "onset": start.across[1].plus}
+    found = json.loads(told.splitlines()[0])["transverse"]
+    assert found == {"pier": "pier 2", "onset": start.transverse[1].plus}
     told = command("onset", "--study", path, "--arch", "over").output
-    assert f"moves from {start.across[1].plus:.4f} g" in told
+    assert f"moves from {start.transverse[1].plus:.4f} g" in told
 
 
 def test_a_wave_along_the_bridge_is_refused_for_a_column(tmp_path):

@@ -12,7 +12,7 @@ PACKAGES = Path(__file__).parents[2] / "pipeline"
 TERMS = {
     "collapsed, survived, unfinished, failed": "fell stood fallen",
     "requested, iteration, design": "wanted rounds strand strands",
-    "horizontal, vertical, transverse": "upward",
+    "horizontal, vertical, transverse": "across upward",
     "impulse": "kick kicks",
     "compare": "beside",
     "contact, joint mode, relative velocity": "touch bears parting",

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import checks, facts
 from archfrag.arch import ring as rings
-from archfrag.arch.across import column_of
 from archfrag.arch.building import Given, fields_of, plain, tie_row
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.drawing import read_drawing
@@ -21,6 +20,7 @@ from archfrag.arch.marks import Mark, arch_marks, frame
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.shape import Shape
+from archfrag.arch.transverse import column_of
 from archfrag.errors import GeometryError
 from archfrag.files import Named, counted
 from archfrag.properties import LATER, SMALLEST, unusual
@@ -616,7 +616,7 @@ class Arch(Shape):
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
 
-    def across(self, pier: str) -> Arch:
+    def transverse(self, pier: str) -> Arch:
         """Return a pier with its share of rings and fill as a column that rocks across the bridge.
 
         The column stands in the vertical plane across the bridge. Its bodies are the courses of
@@ -647,7 +647,7 @@ class Arch(Shape):
         >>> import archfrag as af
         >>> ring = af.Arch.circular(2.5, 0.5, 180.0, voussoirs=9, friction=0.6, depth=2.0)
         >>> bridge = af.Bridge([ring, ring], piers={"height": 4.0, "width": 1.0})
-        >>> column = bridge.across("pier 1")
+        >>> column = bridge.transverse("pier 1")
         >>> column.n_voussoir, round(af.onset(column).plus, 3)
         (2, 0.264)
         """

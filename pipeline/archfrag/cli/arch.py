@@ -205,7 +205,7 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     loss = standing.edge_loss(arch)
     cautions = standing.arch_cautions(arch, start)
     texts = (
-        start.across_text,
+        start.transverse_text,
         standing.edge_text(arch, loss),
         standing.joints_text(arch),
     )
@@ -217,9 +217,9 @@ def onset(arch, spread: float | None, figure: Path | None, as_json: bool) -> Non
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
     facts |= {"places": arch.places} if arch.places else {}
     facts |= {"loss_10_mm": loss, "cautions": cautions}
-    if start.across is not None:
-        name, column = start.across
-        facts["across"] = {"pier": name, "onset": column.least}
+    if start.transverse is not None:
+        name, column = start.transverse
+        facts["transverse"] = {"pier": name, "onset": column.least}
     if start.stands and spread is not None:
         path = springing_path(arch, spread=spread)
         last = path.part.size - 1

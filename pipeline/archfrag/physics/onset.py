@@ -250,12 +250,12 @@ def largest_load_factor(problem, n_row, sense, tilt):
     """Maximise `sense` times the last unknown subject to the inequalities, by the dual simplex.
 
     `n_row` is the number of inequalities. With a `tilt`, a small cost of every unknown, the
-    simplex does not cycle where many multipliers vanish, as in bridges of many spans. The unknowns are left in ``problem.vertex[UNKNOWN]``.
-    Return True if the inequalities can be met; False if they cannot, or if that takes too many
-    iterations.
+    simplex does not cycle where many multipliers vanish, as in bridges of many spans. The unknowns
+    are left in ``problem.vertex[UNKNOWN]``. Return True if the inequalities can be met; False if
+    they cannot, or if that takes too many iterations.
 
-    Reads: problem (basis, bound, inverse, level, vertex).
-    Writes: problem (active, basis, inverse, vertex).
+    Reads: problem (basis, bound, inverse, level, spare, vertex).
+    Writes: problem (active, basis, inverse, spare, vertex).
     """
     bound = problem.bound
     level = problem.level

@@ -84,7 +84,7 @@ _MODELLED = {
     "spans",
     "piers",
     "ends",
-    "across",
+    "transverse",
     *LATER,
 }
 _PLACED = ("joint", "place", "part")

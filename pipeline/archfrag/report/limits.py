@@ -117,7 +117,7 @@ def _having(given: Given, key: str) -> tuple[str, ...] | None:
                 value or value_of(arch, "ends") or arch.get("several")
                 for value, arch in zip(values, arches)
             ]
-        if key == "across":
+        if key == "transverse":
             values = [*map(bool, values)]
         if key == "fill":
             values = [bool(value) and fill_weighs(value) for value in values]

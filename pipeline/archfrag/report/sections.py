@@ -171,7 +171,7 @@ def _arch_parts(
             )
             yield paragraph(words)
     edges = edge_text(arch, edge_loss(arch))
-    texts = onset.across_text, facts_text(arch), edges, joints_text(arch)
+    texts = onset.transverse_text, facts_text(arch), edges, joints_text(arch)
     for words in filter(None, texts):
         yield paragraph(f"{words[0].upper()}{words[1:]}.")
     yield heading("Checks")
@@ -290,8 +290,8 @@ def card(inputs: ReportInputs, name: str, onset: Onset | None = None) -> Markup:
             plus = "none"
             about = "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
-        if onset.across is not None:
-            pier, column = onset.across
+        if onset.transverse is not None:
+            pier, column = onset.transverse
             limit = onset_text(column.least)
             figures.append(["onset across the bridge", limit, f"of {pier}"])
     shown = [(label, count) for label, count in counts.items() if count]

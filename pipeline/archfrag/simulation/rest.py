@@ -76,7 +76,7 @@ class Onset:
     normal : ndarray, (n_joint,) or None
         Normal forces of the joints under self-weight, which belong to `thrust` [N].
     arch : Arch
-    across : (str, Onset) or None
+    transverse : (str, Onset) or None
         The pier that moves first across the bridge, and the onset of its column; None without
         piers.
 
@@ -115,23 +115,23 @@ class Onset:
         return min(self.plus, self.minus)
 
     @property
-    def across(self) -> tuple[str, Onset] | None:
+    def transverse(self) -> tuple[str, Onset] | None:
         """The pier that moves first across the bridge, and the onset of its column.
 
-        See `Arch.across`; of the bridge as it was built, without recesses, joints, strength, moved
-        springings and ties. None if the arch has no piers.
+        See `Arch.transverse`; of the bridge as it was built, without recesses, joints, strength,
+        moved springings and ties. None if the arch has no piers.
         """
-        return _first_across(self.arch)
+        return _first_transverse(self.arch)
 
     @property
-    def across_text(self) -> str:
+    def transverse_text(self) -> str:
         """Onsets across and along the bridge in words, and which governs; empty without piers."""
-        name = self.arch.parameters.get("across")
+        name = self.arch.parameters.get("transverse")
         if name:
             return f"the column is {name} across the bridge with its share of rings and fill"
-        if self.across is None or not self.stands:
+        if self.transverse is None or not self.stands:
             return ""
-        name, column = self.across
+        name, column = self.transverse
         moves = [
             "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
             for value in (column.least, self.least)
@@ -199,8 +199,8 @@ class Onset:
     def __repr__(self) -> str:
         plus, minus = (self._text(towards) for towards in ("+x", "-x"))
         words = [f"<Onset {plus}", minus]
-        if self.across is not None:
-            name, column = self.across
+        if self.transverse is not None:
+            name, column = self.transverse
             words.append(f"across {column.least:.4g} g: {name}")
         return "\n       ".join(words) + ">"
 
@@ -218,11 +218,11 @@ class Onset:
 
 
 @lru_cache(maxsize=256)
-def _first_across(arch: Arch) -> tuple[str, Onset] | None:
-    """Return the pier and the onset that `Onset.across` is."""
+def _first_transverse(arch: Arch) -> tuple[str, Onset] | None:
+    """Return the pier and the onset that `Onset.transverse` is."""
     built = arch.rebuilt()
     names = [part.name for part in arch.parts if "pier" in part.name]
-    found = [(name, onset(built.across(name))) for name in names]
+    found = [(name, onset(built.transverse(name))) for name in names]
     return min(found, key=lambda each: each[1].least, default=None)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.arch import Arch
+from archfrag.arch import Arch, Bridge
 from archfrag.arch.quasi_static import SlowArch
 from archfrag.motions.motion import Motion
 from archfrag.physics.kernels import load
@@ -113,6 +113,16 @@ def used_kernels() -> dict[str, list[Any]]:
         yield
         joint = np.tile([1e10, 1e10, 0.05, 0.0], (arch.n_joint, 1))
         soft = arch.changed(chain=arch.chain._replace(joint=joint))
+        simulate_many(soft, motion, [0.5])
+        simulate(soft, motion)
+        yield
+        bridge = Bridge([arch, arch], piers={"height": 5.0, "width": 4.0})
+        onset(bridge)
+        SlowArch(bridge.tied(level=6.0, area=5e-4)).tension(0, 200.0)
+        simulate_many(bridge, motion, [0.5])
+        simulate(bridge, motion)
+        joint = np.tile([1e10, 1e10, 0.05, 0.0], (bridge.n_joint, 1))
+        soft = bridge.changed(chain=bridge.chain._replace(joint=joint))
         simulate_many(soft, motion, [0.5])
         simulate(soft, motion)
         yield

@@ -138,7 +138,7 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     arch = entry.model_copy(
-        update=dict.fromkeys(("ends", "across", "fill", *LATER, "vary"))
+        update=dict.fromkeys(("ends", "transverse", "fill", *LATER, "vary"))
     ).build()
     size, high, thick = arch.dimensions
     text = f"clear span {size:.3g} m, rise {high:.3g} m"
@@ -166,7 +166,7 @@ def arch_texts(study: StudyKeys) -> list[str]:
         arch = member.entry.build()
         names = ", ".join(member.attributes)
         other = f"columns that change no arch: {names}" * bool(names)
-        columns = onset(arch).across_text
+        columns = onset(arch).transverse_text
         told = filter(None, (facts_text(arch), columns, joints_text(arch), other))
         texts.append(f"{member.id}: {'; '.join(told)}")
     return texts

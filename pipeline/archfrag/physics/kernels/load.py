@@ -24,7 +24,7 @@ import llvmlite.binding as llvm
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
 from archfrag.physics.kernels.processor import has_common_features, machine
 
-SETS = ("rest", "steps", "events", "faces")
+SETS = ("rest", "steps", "events", "faces", "bridges")
 OF_ALL = SETS[:3]  # those that every study uses
 SHIPPED = Path(__file__).parent / "shipped"
 

@@ -360,7 +360,7 @@ COLUMNS = (
     "ends.courses",
 )
 # Keys of a whole bridge; others are those of its rings.
-_OF_ALL = ("id", "spans", "piers", "ends", "across", "fill", "vary", *LATER)
+_OF_ALL = ("id", "spans", "piers", "ends", "transverse", "fill", "vary", *LATER)
 _OF_RINGS = [key for key, row in _ROWS if {*row.needed, *row.taken} & {*PROFILES}]
 _OF_RINGS = [
     "profile",
@@ -433,7 +433,7 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     ends: OneOrList[Pier | None] | None = None
     """Outer piers or buttresses: one block for both, or a list [left, right], empty for one whose
     springing is on the ground."""
-    across: bool | str | None = None
+    transverse: bool | str | None = None
     """A pier, such as "pier 1" or "left pier": the arch is its column across the bridge, with its
     share of rings and fill; true: of the pier that moves first. Depths are then those of the
     real bridge, and recess and joints those of the column's joints, from the base up."""
@@ -493,8 +493,8 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
                 text = f"would not change spans[{number}], which has its own"
                 raise refuse(text, f"vary.of.{key}")
         scatter = self.vary.each_joint if self.vary else None
-        if self.across and scatter and (scatter.position or scatter.friction):
-            raise refuse("with across can only have recesses", "vary.each_joint")
+        if self.transverse and scatter and (scatter.position or scatter.friction):
+            raise refuse("with transverse can only have recesses", "vary.each_joint")
         scatter = scatter if self.is_bridge else None
         keys = ("piers.friction", "ends.friction")
         many = isinstance(self.friction, list | None) or any(
@@ -509,9 +509,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     def _stand_together(self) -> Self:
         if self.table:
             return self
-        for key in ("springings", "ties") if self.across else ():
+        for key in ("springings", "ties") if self.transverse else ():
             if getattr(self, key) is not None:
-                raise refuse("is of the whole bridge; across takes a pier alone", key)
+                raise refuse(
+                    "is of the whole bridge; transverse takes a pier alone", key
+                )
         count = len(self.spans) if isinstance(self.spans, list) else self.spans or 1
         if self.piers and self.spans is None:
             text = "stand between spans; those of a single span are ends: {height: ...}"
@@ -642,9 +644,11 @@ def _built(entry: ArchEntry) -> "Arch":
     built = _rings(entry) if entry.is_bridge else _ring(entry)
     if entry.fill is not None:
         built = built.filled(**entry.fill.model_dump())
-    if entry.across:
-        first = onset(built).across or ("true",)
-        built = built.across(first[0] if entry.across is True else entry.across)
+    if entry.transverse:
+        first = onset(built).transverse or ("true",)
+        built = built.transverse(
+            first[0] if entry.transverse is True else entry.transverse
+        )
     if entry.recess is not None:
         built = built.recessed(**entry.recess.model_dump())
     joints: Named = {"stiffness": math.inf, "strength": entry.strength or math.inf}

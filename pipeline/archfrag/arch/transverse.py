@@ -14,7 +14,7 @@ from archfrag.properties import LATER
 
 
 def column_of(arch: Shape, name: str) -> Given:
-    """Return what the column of a pier is built of, seen along the bridge; see `Arch.across`.
+    """Return what the column of a pier is built of, seen along the bridge; see `Arch.transverse`.
 
     Parts of the column have the moments of their masses m about height y, across depths d,
 
@@ -27,7 +27,7 @@ def column_of(arch: Shape, name: str) -> Given:
     later = sorted(set(LATER) & set(arch.parameters))
     if later:
         raise GeometryError(
-            f"the arch has {', '.join(later)} already; across comes before"
+            f"the arch has {', '.join(later)} already; transverse comes before"
         )
     names = [part.name for part in arch.parts]
     piers = [each for each in names if "pier" in each]
@@ -35,7 +35,7 @@ def column_of(arch: Shape, name: str) -> Given:
         allowed = (
             f"it must be {' or '.join(piers)}" if piers else "the arch has no pier"
         )
-        raise GeometryError(f"across = {name!r} is impossible; {allowed}")
+        raise GeometryError(f"transverse = {name!r} is impossible; {allowed}")
     place = names.index(name)
     pier = arch.parts[place]
     near = [(part, -1) for part in arch.parts[:place][-1:]]
@@ -66,8 +66,8 @@ def column_of(arch: Shape, name: str) -> Given:
     ]
     friction = arch.chain.friction
     return Given(
-        "across",
-        {"across": name},
+        "transverse",
+        {"transverse": name},
         ring._replace(sections=sections, outlines=outlines),
         [*friction[joints], friction[springings].min()],
         True,
