@@ -213,7 +213,9 @@ def main() -> int:
     limits = {row: most + extra[row] for row, most in TOKENS.items()} | OTHERS
     over = 0
     for row, is_now in measure().items():
-        most = UNTIL_REACHED.get(row, limits[row])
+        most = limits[row]
+        if row in UNTIL_REACHED:
+            most = max(most, UNTIL_REACHED[row] + extra[row])
         exceeded = is_now > most
         over += exceeded
         kind = "tokens of " if row in TOKENS else ""
