@@ -20,7 +20,9 @@ def main() -> None:
             command = [sys.executable, "-m", "archfrag", "run", str(file), output]
             subprocess.run(command, check=True)
             if study == "shipped":
-                shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
+                shutil.copyfile(
+                    next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg"
+                )
             command[3:4] = ["film", "--to", f"{folder}/{film}.svg"]
             subprocess.run(command, check=True)
             shutil.copyfile(f"{folder}/{film}.svg", HERE / f"{film}.svg")
