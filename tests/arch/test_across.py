@@ -210,16 +210,16 @@ def test_a_column_runs_by_each_method(method):
 @pytest.mark.parametrize(
     ("arch", "pier", "text"),
     [
-        (ring(), "pier 1", "across = 'pier 1' is impossible; the arch has no pier"),
+        (ring(), "pier 1", "transverse = 'pier 1' is impossible; the arch has no pier"),
         (
             af.Bridge([ring()] * 3, PIER),
             "left pier",
-            "across = 'left pier' is impossible; it must be pier 1 or pier 2",
+            "transverse = 'left pier' is impossible; it must be pier 1 or pier 2",
         ),
         (
             af.Bridge([ring()], ends=[PIER, None]),
             "right pier",
-            "across = 'right pier' is impossible; it must be left pier",
+            "transverse = 'right pier' is impossible; it must be left pier",
         ),
         (
             af.Bridge([ring()] * 2, PIER).tied(1.0, area=1e-3),

@@ -97,7 +97,7 @@ def test_columns_vary_with_their_bridge(tmp_path):
     assert len({column.extent[1] for column in columns}) == 4
     assert all(column.n_joint == 3 for column in columns)
     table = tmp_path / "stock.csv"
-    table.write_text("id,across\none,pier 1\ntwo,true\nwhole,\n")
+    table.write_text("id,transverse\none,pier 1\ntwo,true\nwhole,\n")
     members = expand([ArchEntry(**BRIDGE, table=str(table))])
     one, two, whole = (each.entry.build() for each in members)
     assert (one.parameters["transverse"], two.parameters["transverse"]) == (
@@ -112,11 +112,11 @@ def test_columns_vary_with_their_bridge(tmp_path):
     [
         (
             {**RING, "transverse": True},
-            "across = 'true' is impossible; the arch has no pi",
+            "transverse = 'true' is impossible; the arch has no pi",
         ),
         (
             {**RING, "transverse": "pier 1"},
-            "across = 'pier 1' is impossible; the arch has",
+            "transverse = 'pier 1' is impossible; the arch has",
         ),
         ({**BRIDGE, "transverse": "pier 3"}, "must be pier 1 or pier 2"),
         ({**BRIDGE, "transverse": "left pier"}, "must be pier 1 or pier 2"),
@@ -139,7 +139,7 @@ def test_columns_vary_with_their_bridge(tmp_path):
         (
             {"id": "b", "profile": "block", "width": 1.0, "height": 2.0}
             | {"friction": 0.6, "transverse": True},
-            "across is not a known key; allowed are",
+            "transverse is not a known key; allowed are",
         ),
     ],
 )

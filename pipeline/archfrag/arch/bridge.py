@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.arch import checks
 from archfrag.arch.checks import FloatArray
@@ -100,18 +101,23 @@ def over_parts(
     given: Any = values
     for i, (part, own) in enumerate(zip(parts, given)):
         if isinstance(own, Mapping):
-            near = [ring[-1] for ring in given[:i][-1:]] + [
-                ring[0] for ring in given[i + 1 :][:1]
-            ]
-            if own[key] is None and near[0] != near[-1]:
-                raise GeometryError(
-                    f"{part.name} needs its own {key}: the rings beside it have {near[0]:g} and "
-                    f"{near[1]:g}"
-                )
-            own = near[0] if own[key] is None else own[key]
+            own = _own_or_shared(part, own[key], key, given[:i], given[i + 1 :])
         places = part.joints if key == "friction" else part.every
         found |= zip(places, np.broadcast_to(own, len(places)).tolist())
     return np.array([found[place] for place in range(len(found))])
+
+
+def _own_or_shared(part: Part, own, key: str, before, after) -> float:
+    """Return the value of a pier, or that of the rings beside it; see `over_parts`."""
+    if own is not None:
+        return float(own)
+    near = [ring[-1] for ring in before[-1:]] + [ring[0] for ring in after[:1]]
+    if near[0] != near[-1]:
+        raise GeometryError(
+            f"{part.name} needs its own {key}: the rings beside it have {near[0]:g} and "
+            f"{near[1]:g}"
+        )
+    return float(near[0])
 
 
 def joined(
@@ -174,11 +180,15 @@ def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
         )
     fields[:2] = map(np.array, fields[:2])
     legs = [part.every for name, part in parts.items() if name.startswith("pier")]
+    fields += [ring.sense, _table(legs, below, body) if legs else None]
+    return Ring._make([*fields, (*parts.values(),)])
+
+
+def _table(legs: list[list[int]], below: int, body: int) -> NDArray[np.int64]:
+    """Return `Chain.body` of a spine of bodies `below` to ``body - 1`` on legs of given bodies."""
     paths = [[body + k, *leg] for k, leg in enumerate(legs)]
     paths.append([-1, *range(below, body), body + len(legs)])
-    pairs = np.array([pair for path in paths for pair in pairwise(path)])
-    fields += [ring.sense, pairs if legs else None, (*parts.values(),)]
-    return Ring._make(fields)
+    return np.array([pair for path in paths for pair in pairwise(path)])
 
 
 def cut(ring: Ring, bodies: slice, joints: slice = slice(None)) -> Ring:
@@ -240,9 +250,6 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
         faces = inner[0][0] - lean, inner[1][0] + lean
         upper = [[end[0], top] for end, top in zip(outer, tops)]
     inside, outside = (np.column_stack([face, level]) for face in faces)
-    outlines = [
-        np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)
-    ]
     crest = [
         inside[-1],
         inner[0],
@@ -252,13 +259,25 @@ def _pier(rings: Sequence[Ring], pier: Named, side: float = -1.0) -> Ring:
         *inner[1:],
         outside[-1],
     ]
-    apart = [length_of(np.array(line)) > 1e-9 * width for line in pairwise(crest)]
-    outlines[-1] = np.array(crest)[[True, *apart]]
+    outlines = _courses(inside, outside, crest, 1e-9 * width)
     sections = [polygon_section(each) for each in outlines]
     backs = [centroid for _, centroid, _ in sections]
     surface = np.pad(upper[:: int(side)], ((0, 0), (0, 1)))
     surfaces = [np.empty((0, 3))] * (courses - 1) + [surface]
     return Ring(inside, outside, sections, outlines, backs, surfaces, 1)
+
+
+def _courses(
+    inside: FloatArray, outside: FloatArray, crest: list[FloatArray], least: float
+) -> list[FloatArray]:
+    """Return the outlines of courses between two faces; the last one has corners `crest`.
+
+    Corners nearer than `least` [m] are one.
+    """
+    pairs = zip(pairwise(inside), pairwise(outside))
+    apart = [length_of(np.array(line)) > least for line in pairwise(crest)]
+    outlines = [np.array([*inner, *outer[::-1]]) for inner, outer in pairs]
+    return [*outlines, np.array(crest)[[True, *apart]]]
 
 
 def _check_pier(

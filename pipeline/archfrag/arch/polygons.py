@@ -187,14 +187,8 @@ def _pieces(
 
     `legs` are the paths up to each top course, `blocks` those of the spine, with their `joints`.
     """
-    if len(joints) == len(
-        blocks
-    ):  # one end is free: its edge farthest from the last joint
-        first = given.outlines[blocks[-1]][:, :2]
-        edges = np.stack([first, following(first)], axis=1)
-        line = joints[-1]
-        away = np.abs(cross(edges.mean(axis=1) - line[0], line[1] - line[0]))
-        joints = [*joints, edges[int(np.argmax(away))]]  # intrados first
+    if len(joints) == len(blocks):
+        joints = [*joints, _free_edge(given.outlines[blocks[-1]], joints[-1])]
     for number, leg in enumerate(legs, 1):
         row = _row(given, leg[1:-1], _joints(given, leg))
         backs = [centroid for _, centroid, _ in row.sections]
@@ -209,6 +203,14 @@ def _pieces(
         if end < len(blocks):
             yield f"pier {number}", cut(whole, slice(end, end + 1), slice(0))
         start = end + 1
+
+
+def _free_edge(outline: FloatArray, line: _Segment) -> _Segment:
+    """Return the edge of a block farthest from its only joint `line`, intrados first."""
+    first = outline[:, :2]
+    edges = np.stack([first, following(first)], axis=1)
+    away = np.abs(cross(edges.mean(axis=1) - line[0], line[1] - line[0]))
+    return edges[int(np.argmax(away))]
 
 
 def _joints(given: Blocks, path: Sequence[int]) -> list[_Segment]:

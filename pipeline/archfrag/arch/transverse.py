@@ -1,5 +1,7 @@
 """A pier with its share of rings and fill, as a column that rocks across the bridge."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
@@ -24,19 +26,7 @@ def column_of(arch: Shape, name: str) -> Given:
     body is as deep, along the bridge, as its mass asks for: a course by its mean width.
     `GeometryError` if the arch has no such pier, or has changed since it was built.
     """
-    later = sorted(set(LATER) & set(arch.parameters))
-    if later:
-        raise GeometryError(
-            f"the arch has {', '.join(later)} already; transverse comes before"
-        )
-    names = [part.name for part in arch.parts]
-    piers = [each for each in names if "pier" in each]
-    if name not in piers:
-        allowed = (
-            f"it must be {' or '.join(piers)}" if piers else "the arch has no pier"
-        )
-        raise GeometryError(f"transverse = {name!r} is impossible; {allowed}")
-    place = names.index(name)
+    place = _place_of(arch, name)
     pier = arch.parts[place]
     near = [(part, -1) for part in arch.parts[:place][-1:]]
     near += [(part, 0) for part in arch.parts[place + 1 :][:1]]
@@ -54,11 +44,6 @@ def column_of(arch: Shape, name: str) -> Given:
     right = np.column_stack([0.5 * faces, level])
     ring = straight_ring(right, right * [-1.0, 1.0])
     sides = 0.5 * np.append(arch.depths[pier.every], wide)
-    box = np.array([[1, 0], [1, 1], [-1, 1], [-1, 0]])
-    outlines = [
-        np.column_stack([box[:, 0] * side, np.take(level, i + box[:, 1])])
-        for i, side in enumerate(sides)
-    ]
     area = 2.0 * sides * np.diff(level)
     sections = [
         (own, np.array([0.0, y]), own * turned)
@@ -68,12 +53,36 @@ def column_of(arch: Shape, name: str) -> Given:
     return Given(
         "transverse",
         {"transverse": name},
-        ring._replace(sections=sections, outlines=outlines),
+        ring._replace(sections=sections, outlines=[*_boxes(sides, level)]),
         [*friction[joints], friction[springings].min()],
         True,
         density,
         mass / (density * area),
     )
+
+
+def _place_of(arch: Shape, name: str) -> int:
+    """Return the place of a pier in the parts; `GeometryError` if it cannot be a column."""
+    later = sorted(set(LATER) & set(arch.parameters))
+    if later:
+        raise GeometryError(
+            f"the arch has {', '.join(later)} already; transverse comes before"
+        )
+    names = [part.name for part in arch.parts]
+    piers = [each for each in names if "pier" in each]
+    if name not in piers:
+        allowed = (
+            f"it must be {' or '.join(piers)}" if piers else "the arch has no pier"
+        )
+        raise GeometryError(f"transverse = {name!r} is impossible; {allowed}")
+    return names.index(name)
+
+
+def _boxes(sides: FloatArray, level: list[float]) -> Iterator[FloatArray]:
+    """Yield the outlines of bodies from their half widths and the levels between them [m]."""
+    box = np.array([[1, 0], [1, 1], [-1, 1], [-1, 0]])
+    for i, side in enumerate(sides):
+        yield np.column_stack([box[:, 0] * side, np.take(level, i + box[:, 1])])
 
 
 def _bodies(arch: Shape, pier: list[int], rings: list[int]) -> tuple[FloatArray, ...]:
@@ -100,8 +109,11 @@ def _bodies(arch: Shape, pier: list[int], rings: list[int]) -> tuple[FloatArray,
         earth[:, 2] += earth[:, 0] * turned
     share = 0.5 * (masonry + earth)[rings].sum(axis=0) + earth[pier].sum(axis=0)
     mass, first, second = np.vstack([masonry[pier], share]).T
-    volume = arch.depths * [area for area, *_ in arch.whole.sections]
-    density = np.append(
-        stone.mass[pier] / volume[pier], stone.mass[rings].sum() / volume[rings].sum()
-    )
+    density = _densities(arch, stone.mass, pier, rings)
     return density, mass, first / mass, second / mass - (first / mass) ** 2
+
+
+def _densities(arch: Shape, mass: FloatArray, pier, rings) -> FloatArray:
+    """Return the densities of the courses of a pier and, last, of its rings together [kg/m3]."""
+    volume = arch.depths * [area for area, *_ in arch.whole.sections]
+    return np.append(mass[pier] / volume[pier], mass[rings].sum() / volume[rings].sum())
