@@ -222,6 +222,10 @@ def test_values_of_each_body():
             ),
             "depth[1] = 0.0 is impossible",
         ),
+        (
+            lambda: af.Bridge([RING] * 31, piers={"height": 9.0, "width": 5.0}),
+            "the bridge has 31 spans; it may have 30",
+        ),
     ],
 )
 def test_refusals(make, part):

@@ -23,6 +23,8 @@ from archfrag.errors import GeometryError
 from archfrag.files import Named
 from archfrag.properties import MOST_VOUSSOIRS
 
+MOST_SPANS = 30  # up to which the range of rest is found
+
 
 def check_upright(ring: Ring, free_end: bool) -> None:
     """Raise `GeometryError` unless a ring can carry piers or fill.
@@ -180,6 +182,11 @@ def assembled(pieces: Iterable[tuple[str, Ring]]) -> Ring:
         )
     fields[:2] = map(np.array, fields[:2])
     legs = [part.every for name, part in parts.items() if name.startswith("pier")]
+    if len(legs) >= MOST_SPANS:
+        raise GeometryError(
+            f"the bridge has {len(legs) + 1} spans; it may have {MOST_SPANS}: from about five on "
+            "more of them change its onset by less than 3 %"
+        )
     fields += [ring.sense, _table(legs, below, body) if legs else None]
     return Ring._make([*fields, (*parts.values(),)])
 
