@@ -8,7 +8,7 @@ import pytest
 import archfrag as af
 from archbench.paper.many_points import ManyPoints
 from archfrag.errors import ArchfragError, InputError, StabilityError
-from archfrag.physics.ground import Impulse
+from archfrag.physics.ground import Impulse, grounds_of
 from archfrag.physics.interface import Options
 from archfrag.physics.state import Clock, model_of
 from archfrag.physics.status import Energy, Status
@@ -310,7 +310,8 @@ class TestEnergy:
         arch = ring_that_slides(3e10, points)
         model, faces = settled(arch.chain)
         options = Options(*(len(Options._fields) * (0.5,)))
-        runs = new_face_runs(model, faces)._replace(options=options)
+        still = grounds_of([(np.zeros(2), None, 1.0)])
+        runs = new_face_runs(model, faces)._replace(options=options, grounds=still)
         step = 5e-4
         clock = runs.state.clock
         runs.state.position[:] = model.start

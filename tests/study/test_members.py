@@ -147,6 +147,11 @@ late,8.0,1.25,inf,north,
 """
 
 
+def variables(members):
+    """Variables that a cube has of members."""
+    return _arch_variables(members, [member.entry.build() for member in members])
+
+
 def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_text(text, encoding="utf-8", newline="")
@@ -346,10 +351,10 @@ class TestTables:
         found = expand([fleet(tmp_path, rows="sample", vary=vary)])
         rows = [name for name in ("old", "wide", "late") for _ in range(2)]
         assert [member.row for member in found] == rows
-        assert _arch_variables(found)["stock_row"].values.tolist() == rows
+        assert variables(found)["stock_row"].values.tolist() == rows
         exactly = expand([fleet(tmp_path, rows="all")])
         assert {member.row for member in exactly} == {""}
-        assert "stock_row" not in _arch_variables(exactly)
+        assert "stock_row" not in variables(exactly)
         with pytest.raises(ValidationError, match="not a known key"):
             ArchEntry.model_validate({"id": "a", "profile": "block", "rows": "sample"})
 

@@ -113,12 +113,10 @@ def simulate(
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
         ground [m/s, m/s, rad/s] at time 0, without overlaps; at rest if not given.
     wave_speed : float, optional
-        Of a wave along the arch [m/s]: a base has the motion of the left base, later by its
-        distance from that one over this speed. If it is negative, the wave comes from the right.
+        Of a wave along the arch [m/s], to the left if negative: bases move as the left one, later.
     bases : mapping, optional
-        Instead of that, from names of bases, "pier 1" and so on and "right", to their motions,
-        with the same time step, or to their delays behind the left base [s]. The other bases move
-        as the left one. `scale` multiplies all motions.
+        From names of bases, "pier 1" etc. and "right", to motions, with the same time step, or to
+        delays behind the left base [s]; the others move as that one. `scale` multiplies all.
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     loss_limit : float
