@@ -100,7 +100,7 @@ def simulate(
     ----------
     arch, motion : Arch, Motion
     scale : float
-        Factor on the motion, vertical component included.
+        Factor on all motions, vertical components included.
     method : str
         "auto" or a name in `archfrag.physics.methods.registry.METHODS`.
     rtol : float, optional
@@ -115,8 +115,7 @@ def simulate(
     wave_speed : float, optional
         Of a wave along the arch [m/s], to the left if negative: bases move as the left one, later.
     bases : mapping, optional
-        From names of bases, "pier 1" etc. and "right", to motions, with the same time step, or to
-        delays behind the left base [s]; the others move as that one. `scale` multiplies all.
+        From "pier 1" etc. or "right" to a motion of the same dt, or a delay behind "left" [s].
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     loss_limit : float

@@ -453,10 +453,11 @@ class ArchEntry(_PlainKeys):  # type: ignore[misc]
     @model_validator(mode="before")
     @classmethod
     def _is_drawn_whole(cls, given):
-        for key in {"spans", "piers"} & {*given} if "drawing" in given else ():
-            raise refuse(
-                "is given with a drawing, which shows all spans; leave it out", key
-            )
+        drawn = isinstance(given, dict) and "drawing" in given
+        for key in ("spans", "piers"):
+            if drawn and key in given:
+                text = "is given with a drawing, which shows all spans; leave it out"
+                raise refuse(text, key)
         return given
 
     @field_validator("joints", mode="before")
