@@ -1,11 +1,13 @@
 """Bridges of several spans in study files, tables and commands: each key works or is refused."""
 
+import itertools
 import json
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import archfrag as af
 from archfrag.cli.arch import onset
 from archfrag.errors import ArchfragError
 from archfrag.study.file.arches import ArchEntry
@@ -161,3 +163,59 @@ def test_options_of_a_command_make_the_bridge_of_a_study():
     assert np.shape(facts["arch"]["springings"]) == (6, 2, 2)
     one = CliRunner().invoke(onset, [*options.split(), "--pier-height", "3"])
     assert "--pier-width must be given" in str(one.exception)
+
+
+FEATURES = {
+    "fill": {"fill": {"height_over_crown": 0.3, "unit_weight": 18e3}},
+    "ties": {"ties": [{"level": 0.5, "area": 1e-3, "modulus": 2e11}]},
+    "strength": {"strength": 2e6},
+    "recess": {"recess": {"intrados": 0.01, "extrados": 0.01}},
+    "dead_load": {"dead_load": 5e3},
+    "inset": {"joints": {"stiffness": 3e10}},
+    "face": {"joints": {"stiffness": 3e10, "model": "face"}},
+    "springings": {"springings": {"spread": 0.01}},
+    "ends": {"ends": {"height": 3.0, "width": 1.0}},
+    "transverse": {"transverse": "pier 1"},
+    "wave_speed": {},
+    "bases": {},
+    "vertical": {},
+}
+REFUSED = {
+    ("ties", "face"): "needs rigid joints",
+    ("strength", "face"): "needs joints.model inset",
+    ("inset", "face"): "",
+    ("ties", "transverse"): "transverse takes a pier alone",
+    ("springings", "transverse"): "transverse takes a pier alone",
+    ("transverse", "wave_speed"): "has no right base",
+    ("transverse", "bases"): "has no right base",
+    ("wave_speed", "bases"): "are both given",
+}
+OF_OTHERS = {("ends", "transverse")}  # the column of pier 1 has nothing of the ends
+
+
+def rotation_with(*names):
+    """Largest rotation of two spans, or of a column, with some features [rad]."""
+    ring = {"profile": "circular", "radius": 2.5, "thickness": 0.5, "embrace": 180.0}
+    entry = {"id": "b", **ring, "voussoirs": 5, "friction": 0.6, "spans": 2}
+    entry["piers"] = {"height": 4.0, "width": 1.0}
+    for name in names:
+        entry |= FEATURES[name]
+    moved = {"wave_speed": 200.0, "bases": {"pier 1": 0.02}}
+    time = 0.005 * np.arange(200)
+    wave = 9.8 * np.sin(2.0 * np.pi * time) * (time < 0.5)
+    up = {"vertical": 0.3 * wave} if "vertical" in names else {}
+    method = {name: moved[name] for name in names if name in moved}
+    motion = af.Motion(wave, 0.005, **up)
+    return af.simulate(built(**entry), motion, 0.28, follow=1.0, **method).peak_rotation
+
+
+def test_each_feature_runs_with_each_other_or_is_refused_and_none_is_ignored():
+    alone = {name: rotation_with(name) for name in FEATURES}
+    assert len({*alone.values(), rotation_with()}) == len(FEATURES) + 1
+    for pair in itertools.combinations(FEATURES, 2):
+        if pair in REFUSED:
+            if REFUSED[pair]:  # one key cannot have two values
+                with pytest.raises(ArchfragError, match=REFUSED[pair]):
+                    rotation_with(*pair)
+        elif pair not in OF_OTHERS:
+            assert rotation_with(*pair) not in [alone[name] for name in pair], pair

@@ -374,7 +374,7 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float, joints: range) -> Flo
 
 def stays_at_rest(peak: float, start: Onset) -> bool:
     """Return whether an arch stays at rest under a horizontal motion with this peak [g]."""
-    return peak <= min(start.plus, start.minus)
+    return peak <= start.least
 
 
 def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
@@ -390,7 +390,7 @@ def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
     if weak and motion.vertical is None and not motion.facts.unit_in_file:
         warnings.warn(
             f"{motion.id or 'motion'}: its peak of {peak:.3g} m/s2 is not above the onset of "
-            f"motion ({min(start.plus, start.minus):.3g} g), so the arch stays at rest; if it is "
+            f"motion ({start.least:.3g} g), so the arch stays at rest; if it is "
             "in g, multiply it by 9.80665",
             UnitWarning,
             stacklevel=3,

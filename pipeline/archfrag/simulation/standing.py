@@ -114,14 +114,14 @@ def _loss(arch: Arch, change: Callable[[], Arch]) -> float:
     It is nan if the arch does not stand or nothing moves it, and 1 if the new arch does not stand.
     """
     start = onset(arch)
-    before = min(start.plus, start.minus)
+    before = start.least
     if not start.stands or not 0.0 < before < np.inf:
         return np.nan
     try:
         inside = onset(change())
     except (GeometryError, StabilityError):  # nothing is left of a joint, or too little
         return 1.0
-    return 1.0 - min(inside.plus, inside.minus) / before if inside.stands else 1.0
+    return 1.0 - inside.least / before if inside.stands else 1.0
 
 
 def joints_text(arch: Arch) -> str:

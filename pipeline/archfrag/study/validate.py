@@ -111,7 +111,7 @@ def unit_warnings(study: StudyKeys, found: Members) -> list[str]:
         start = onset(arch)
         # The smallest spread lowers the onset to almost nothing, and collapse hardly.
         built = start if arch.built is None else onset(arch.built)
-        least = min(start.plus, start.minus)
+        least = start.least
         most = min(built.plus, built.minus)
         where = "the onset of motion ({:.3g} g); is their unit right?"
         texts = list(unit_cautions(arch))
