@@ -8,7 +8,6 @@ import contextlib
 import csv
 import hashlib
 import io
-import multiprocessing
 import os
 import re
 import secrets
@@ -16,7 +15,6 @@ import shutil
 import socket
 import stat
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from archfrag.errors import InputError, OutputError
+from archfrag.system import is_alive, open_to_append, open_to_read, replace
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +81,24 @@ def absolute(path: str, folder: Path) -> str:
 
     A relative path is below `folder`; ~ is the home folder.
     """
-    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
+    return portable(os.path.abspath(os.path.join(folder, os.path.expanduser(path))))
+
+
+def portable(path: str) -> str:
+    """Return a path that may be written as on Windows, with backslashes, as one of this system."""
+    return path if os.path.exists(path) else path.replace("\\", "/")
+
+
+def relative_path(path: str | Path, folder: str | Path) -> str:
+    """Return a path as one from `folder`, with slashes on every system.
+
+    It is absolute if no path leads from one to the other, as between drives of Windows.
+    """
+    try:
+        found = os.path.relpath(path, folder)
+    except ValueError:
+        found = os.path.abspath(path)
+    return Path(found).as_posix()
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -109,7 +125,7 @@ def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO
     OSError if it cannot be opened, is a folder, pipe or device, or has more than `largest` bytes.
     A pipe or device is not waited for.
     """
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+    with open_to_read(path) as file:
         state = os.fstat(file.fileno())
         if not stat.S_ISREG(state.st_mode):
             raise OSError(0, "it is not a regular file")
@@ -171,21 +187,6 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
-def end_with_parent() -> None:
-    """End this process of `multiprocessing` as soon as its parent process has ended.
-
-    A thread waits for this; the call returns at once.
-    """
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
 def make_folder(path: Path) -> Path:
     """Make a folder with its parents and return it.
 
@@ -228,10 +229,7 @@ def sweep(folder: Path) -> None:
         with contextlib.suppress(OSError):
             gone = time.time() - entry.stat().st_mtime > _SURELY_LEFT
             if found["host"] == _HOST:
-                try:
-                    os.kill(int(found["pid"]), 0)
-                except ProcessLookupError:
-                    gone = True
+                gone = gone or not is_alive(int(found["pid"]))
             if gone:
                 shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
@@ -256,12 +254,11 @@ def register(path: Path, content: Path) -> None:
     """
     if WORK in path.parts:  # where nothing is of anybody else
         return
-    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
     for place in _registers(path):
         with contextlib.suppress(OSError):
             if place.parent.name != WORK:
                 place.parent.mkdir(parents=True, exist_ok=True)
-            with open(os.open(place, flags, 0o666), "ab") as file:
+            with open_to_append(place) as file:
                 # Else it has another name as well.
                 if os.fstat(file.fileno()).st_nlink == 1:
                     file.write(f"{sha256_of(content)}\n".encode())
@@ -333,7 +330,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
             with open(temporary, "rb+") as file:
                 os.fsync(file.fileno())
         register(path, temporary)
-        os.replace(temporary, path)
+        replace(temporary, path)
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:

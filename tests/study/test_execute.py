@@ -15,14 +15,15 @@ import pandas as pd
 import psutil
 import pytest
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, OutputError
 from archfrag.motions.formats import one_reader, read_apart
 from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
-from archfrag.study.steps import only_run, stoppable
+from archfrag.study.steps import only_run
+from archfrag.system import stoppable
 from tests.study.small import ROOT, changed
 
 
@@ -243,8 +244,8 @@ class TestStop:
     def test_code_that_does_not_return_is_ended(self):
         """A hash of many rounds stands for a compiler."""
         code = (
-            "import hashlib; from archfrag.study import steps; steps.GRACE = 0.5\n"
-            "with steps.stoppable():\n"
+            "import hashlib; from archfrag import system; system.GRACE = 0.5\n"
+            "with system.stoppable():\n"
             "    print('ready', flush=True)\n"
             "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
         )
@@ -258,12 +259,16 @@ class TestStop:
         process.communicate()
 
 
-def test_a_file_system_without_locks_does_without(copied, monkeypatch):
+@pytest.mark.filterwarnings("ignore:flock not supported")
+def test_a_file_system_without_locks_has_one_run_at_a_time_too(copied, monkeypatch):
     def none(*_):
         raise OSError(38, "Function not implemented")
 
     monkeypatch.setattr("fcntl.flock", none)
-    with only_run(copied.study), only_run(copied.study):
+    with only_run(copied.study), pytest.raises(OutputError, match="another run of study"):
+        with only_run(copied.study):
+            pass
+    with only_run(copied.study):
         pass
 
 

@@ -1,7 +1,6 @@
 """The commands `archfrag records ...`."""
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError, RecordError, ServiceError
-from archfrag.files import Named, counted, number, opened, write_csv
+from archfrag.files import Named, counted, number, opened, relative_path, write_csv
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.fetch import fetch_records
@@ -209,7 +208,7 @@ def _measured(
     with one_reader():
         for file in (file for file in dict.fromkeys(files) if file not in verticals):
             options = _reading(file, reading)
-            name = os.path.relpath(file, out.parent)
+            name = relative_path(file, out.parent)
             motions = [
                 motion.stating(file=name)
                 for motion in read_horizontals(file, **options)

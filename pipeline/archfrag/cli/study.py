@@ -45,8 +45,9 @@ from archfrag.study.file.schema import RiskKeys, load_study
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import check_own, claim, products
 from archfrag.study.runs.store import make_plan, superfluous
-from archfrag.study.steps import make_step, only_run, run_study, stoppable
+from archfrag.study.steps import make_step, only_run, run_study
 from archfrag.study.validate import arch_texts, check_study, write_starter
+from archfrag.system import stoppable
 
 
 def with_study(*options: Callable) -> Callable:

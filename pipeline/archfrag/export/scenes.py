@@ -86,7 +86,7 @@ def _scene(study: StudyKeys, chosen: Iterable[Member]):
         if motion.vertical is not None:
             own["vertical"] = motion.vertical.tolist()
         motions.append(own | {"factors": factors.tolist()})
-    about = json.loads(SCHEMA.read_text())["properties"]
+    about = json.loads(SCHEMA.read_text("utf-8"))["properties"]
     return finite(
         {
             "schema": about["schema"]["const"],

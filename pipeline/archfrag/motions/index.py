@@ -18,6 +18,7 @@ from archfrag.files import (
     number,
     opened,
     parse_table,
+    portable,
     read_text,
     sha256_of,
     unquoted,
@@ -151,9 +152,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
             columns = parse_columns(values["columns"])
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
-    path = source.parent / values["file"]
-    if not path.exists():  # of Windows
-        path = source.parent / values["file"].replace("\\", "/")
+    path = Path(portable(str(source.parent / values["file"])))
     return IndexEntry(
         name,
         path,

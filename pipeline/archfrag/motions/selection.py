@@ -23,6 +23,7 @@ from archfrag.files import (
     number,
     parse_table,
     read_text,
+    relative_path,
     stated_unit,
     unquoted,
     write_csv,
@@ -271,7 +272,7 @@ class Selection:
         columns = [*COLUMNS, "station", "accept", "columns"]
         rows = self.table.rename(columns=_RENAMED).filter(items=columns)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
-        rows["file"] = [os.path.relpath(file, place.parent) for file in files]
+        rows["file"] = [relative_path(file, place.parent) for file in files]
         rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         target = self.target

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from archfrag.physics.oscillator import largest_response
 from archfrag.simulation.arguments import check_compiled, check_method, method_names
 from archfrag.simulation.rest import onset
 from archfrag.simulation.simulate import simulate, simulate_many
+from archfrag.system import every
 
 TICK = 1.0
 # What compiling takes on two cores, and making machine code of LLVM code [s].
@@ -73,24 +73,6 @@ def is_shipped() -> bool:
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
     return all(load.is_ready(name) for name in load.OF_ALL)
-
-
-@contextlib.contextmanager
-def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
-    """Call a function every so many seconds, from another thread, while a ``with`` block lasts."""
-    ended = threading.Event()
-
-    def tick() -> None:
-        while not ended.wait(seconds):
-            call()
-
-    ticker = threading.Thread(target=tick, daemon=True)
-    ticker.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        ticker.join()
 
 
 def used_kernels() -> dict[str, list[Any]]:

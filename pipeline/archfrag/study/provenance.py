@@ -32,6 +32,7 @@ from archfrag.files import (
     check_targets,
     make_folder,
     opened,
+    relative_path,
     replacing,
     sha256_of,
     sweep,
@@ -63,7 +64,7 @@ def write_text(path: Path, text: str) -> None:
         if file.read() == text.encode():
             return
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def canonical_json(value) -> str:
@@ -101,7 +102,7 @@ def code() -> str:
     """Return one SHA-256 of this package's files, the versions of libraries and the machine."""
     digest = hashlib.sha256(canonical_json([versions(), platform.machine()]).encode())
     for path in files_of_code("**/*"):
-        digest.update(str(path.relative_to(PACKAGE)).encode())
+        digest.update(path.relative_to(PACKAGE).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -200,7 +201,7 @@ def origin_of(keys: Named, place: Path, folder: Path) -> dict[str, str]:
     results.
     """
     found = {key: keys[key] for key in keys.keys() - {"output", "execution"}}
-    found["folder"] = os.path.relpath(place, os.path.realpath(folder))
+    found["folder"] = relative_path(place, os.path.realpath(folder))
     found["home"] = os.path.expanduser("~")
     found["code"] = code()
     return {str(name): digest_of(value) for name, value in found.items()}
@@ -262,7 +263,7 @@ def claim(study: "StudyKeys", study_file: Path) -> None:
     results are those of another study file.
     """
     check_owner(study.folder, study_file)
-    here = os.path.relpath(study_file.resolve(), study.folder.resolve())
+    here = relative_path(study_file.resolve(), study.folder.resolve())
     owner = canonical_json({"id": study.id, "file": here})
     make_folder(study.work)
     write_text(study.work / OWNER, owner + "\n")
@@ -390,7 +391,7 @@ def commit() -> str:
             ).strip()
     built_from = PACKAGE / "commit.txt"
     if built_from.is_file():
-        return built_from.read_text().strip()
+        return built_from.read_text("ascii").strip()
     return os.environ.get("ARCHFRAG_COMMIT", "unknown")
 
 

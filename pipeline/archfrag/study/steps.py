@@ -4,25 +4,27 @@ Runs that are stored are kept. Cube, fit and report are made again whenever anyt
 """
 
 import contextlib
-import errno
-import fcntl
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 import pandas as pd
 from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, InputError, OutputError
-from archfrag.files import cannot_write, counted, make_folder, printable, write_csv
-from archfrag.simulation.warmup import TICK, every
+from archfrag.files import (
+    cannot_write,
+    counted,
+    make_folder,
+    printable,
+    relative_path,
+    write_csv,
+)
+from archfrag.simulation.warmup import TICK
 from archfrag.study import provenance
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
@@ -37,13 +39,11 @@ from archfrag.study.file.sources import input_paths
 from archfrag.study.provenance import products
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.validate import check_start
+from archfrag.system import every, locked
 
 if TYPE_CHECKING:
     from archfrag.study.answer.curves import Fitted
 
-GRACE = 4.0  # after a signal, for the run to end by itself [s]
-_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]
 Report = Callable[[StudyKeys], Path]  # writes the report; from a layer above
@@ -235,55 +235,7 @@ def _places(study: StudyKeys) -> set[str]:
         products(study, "motions"),
         _tables(study),
     )
-    return {os.path.relpath(path, study.folder) for path in paths}
-
-
-@contextlib.contextmanager
-def stoppable() -> Iterator[Callable[[], None]]:
-    """Make SIGTERM, SIGINT and SIGHUP raise `SystemExit` in the block, once; ignore later ones.
-
-    The exit code is 128 plus the number of the signal. The block gets a function that raises the
-    exit again, since an exception in a signal handler may get lost. If code in C, such as a
-    compiler, does not return, the process ends `GRACE` seconds after the signal.
-    """
-    came: list[int] = []
-    ended = threading.Event()
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-
-    def check() -> None:
-        if came:
-            raise SystemExit(128 + came[0])
-
-    def record_stop(number: int, frame: FrameType | None) -> None:
-        for each in _SIGNALS:
-            signal.signal(each, signal.SIG_IGN)
-        came.append(number)
-        check()
-
-    def end_late() -> None:
-        while content := os.read(reader, 1):
-            if content[0] in _SIGNALS and not ended.wait(GRACE):
-                os._exit(128 + content[0])
-        os.close(reader)
-
-    for number in _SIGNALS:
-        if before[number] != signal.SIG_IGN:  # under nohup a hang-up does not matter
-            signal.signal(number, record_stop)
-    wakeup = signal.set_wakeup_fd(writer)
-    threading.Thread(target=end_late, daemon=True).start()
-    try:
-        yield check
-    except Exception:
-        check()  # code in C may have made another error of the exit
-        raise
-    finally:
-        ended.set()
-        signal.set_wakeup_fd(wakeup)
-        os.close(writer)
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return {relative_path(path, study.folder) for path in paths}
 
 
 @contextlib.contextmanager
@@ -313,18 +265,12 @@ def only_run(study: StudyKeys) -> Iterator[None]:
     path = study.work / "lock"
     with contextlib.ExitStack() as stack:
         try:
-            # Nothing is written to it: it may be a hard link that somebody else made.
-            lock = stack.enter_context(open(path, "ab"))
-            os.register_at_fork(
-                after_in_child=lock.close
-            )  # a reader of records holds no lock
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            ours = stack.enter_context(locked(path))
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        if not ours:
             raise OutputError(
                 f"{study.folder}: another run of study {study.id!r} is at work here; wait "
                 "for it or stop it"
-            ) from None
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:  # of the file system
-                raise cannot_write(path, error) from error
+            )
         yield

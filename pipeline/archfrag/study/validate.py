@@ -69,7 +69,7 @@ def write_starter(folder: Path) -> Path:
     make_folder(folder)
     try:
         shutil.copytree(shipped_folder() / records.name / "near_source", records)
-        schema.write_text(study_schema())
+        schema.write_text(study_schema(), "utf-8", newline="\n")
         shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
     except OSError as error:
         raise cannot_write(folder, error) from error

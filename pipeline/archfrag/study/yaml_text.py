@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from archfrag.errors import InputError
-from archfrag.files import REAL, WHOLE, Named, read_text
+from archfrag.files import REAL, WHOLE, Named, read_text, relative_path
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 PATHS = (
@@ -93,7 +93,7 @@ def relative(value, folder: Path, key: str = ""):
     if isinstance(value, list):
         return [relative(inner, folder, key) for inner in value]
     return (
-        os.path.relpath(value, folder)
+        relative_path(value, folder)
         if key in PATHS and isinstance(value, str)
         else value
     )

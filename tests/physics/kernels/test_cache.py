@@ -206,7 +206,7 @@ def test_what_cannot_be_kept_is_said_once_and_runs(tmp_path):
     code = (
         "import pathlib, archfrag.physics.kernels.load as load\n"
         "def full(*_): raise OSError(28, 'No space left on device')\n"
-        "load.os.replace = full\n" + MARGIN
+        "load.replace = full\n" + MARGIN
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     made = subprocess.run(

@@ -3,31 +3,26 @@
 A record is somebody else's file. `obspy.read` would offer it to a reader of pickles, which runs
 what the file holds, unpack archives, and take a name for a pattern or an address. None of that
 happens here: the formats below are tried one by one on the file as it lies there. What C code
-reads is read in a fork of this process, which a damaged file may end.
+reads is read in another process, which a damaged file may end.
 """
 
 import contextlib
 import functools
-import os
 import re
-import resource
-import signal
 import warnings
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from importlib.metadata import entry_points
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from obspy import Trace, UTCDateTime
 
 from archfrag.errors import RecordError, reason_of
-from archfrag.files import end_with_parent, opened, wide_encoding
+from archfrag.files import opened, wide_encoding
 from archfrag.motions.channel import Channel
 from archfrag.motions.formats.keyed import read_knet
+from archfrag.system import Limited, LimitedError
 
 # The formats of this package, which are entry points in pyproject.toml.
 OWN = ("AT2", "COSMOS", "DMG", "DYNA", "GEONET", "RESORCE", "SMC")
@@ -45,8 +40,8 @@ COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 _entry_points = functools.cache(
     entry_points
 )  # a look-up reads the metadata of all packages
-MEMORY = 2**30  # [bytes] of address space for such a file, beyond that of this process
-_shared = list[ProcessPoolExecutor]()  # processes of the blocks of `one_reader`
+MEMORY = 2**30  # [bytes] of memory of that process
+_shared = list[Limited]()  # processes of the blocks of `one_reader`
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -162,17 +157,15 @@ def _compare_times(path: str, trace: Trace) -> None:
 def read_apart(path: str) -> list[Trace]:
     """Read a file by a reader in C, in another process; return [] if it has no such format.
 
-    RecordError if that process crashes or takes too long.
+    RecordError if that process crashes, takes too long or takes too much memory.
     """
-    for form in IN_C:  # imported once here, not in each fork
-        plug_in(form, "is"), plug_in(form, "read")
     try:
         with contextlib.nullcontext() if _shared else one_reader():
-            return _shared[-1].submit(_read_in_c, path).result()
-    except BrokenProcessPool:
+            return _shared[-1].ask(path)
+    except LimitedError as error:
         raise RecordError(
-            f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
-            "computing; the file is damaged or has another format than it seems"
+            f"{path}: reading it failed ({error}); the file is damaged or has another format than "
+            "it seems"
         ) from None
 
 
@@ -182,34 +175,16 @@ def one_reader() -> Iterator[None]:
 
     Without such a block each file has a process of its own.
     """
-    with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
-        _shared.append(process)
-        try:
-            yield
-        finally:
-            _shared.remove(process)
+    process = Limited("archfrag.motions.formats.apart", COMPUTING_TIME, MEMORY)
+    _shared.append(process)
+    try:
+        yield
+    finally:
+        _shared.remove(process)
+        process.close()
 
 
-def _limit() -> None:
-    """Limit the memory of this process and silence it.
-
-    Signals end it, and so does the end of its parent.
-    """
-    end_with_parent()
-    for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
-        signal.signal(number, signal.SIG_DFL)
-    with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        size = pages * resource.getpagesize() + MEMORY
-        resource.setrlimit(resource.RLIMIT_AS, (size, resource.RLIM_INFINITY))
-    most = resource.getrlimit(resource.RLIMIT_CORE)[1]
-    resource.setrlimit(resource.RLIMIT_CORE, (0, most))
-    quiet = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):  # readers in C print what they think of a file
-        os.dup2(quiet, stream)
-
-
-def _read_in_c(path: str) -> list[Trace]:
-    signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
+def read_in_c(path: str) -> list[Trace]:
+    """Read a file by a reader in C in this process, which a damaged file may end."""
     name = recognise(path, IN_C)
     return read_as(path, name) if name else []

@@ -10,12 +10,11 @@ import lzma
 import os
 import subprocess
 import sys
-import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.physics.kernels.cache import source_hash, use_kernel_cache
 from archfrag.physics.kernels.load import (
     OF_ALL,
     SHIPPED,
@@ -24,6 +23,7 @@ from archfrag.physics.kernels.load import (
     make_ready,
 )
 from archfrag.physics.kernels.processor import PROCESSOR
+from archfrag.system import end_with_input, start_python
 
 
 def make_all_ready() -> None:
@@ -52,37 +52,16 @@ def _second_process(names: Sequence[str]) -> Iterator[None]:
     There is no such process on one core, or without a cache. It ends with the context, and with
     this process.
     """
-    places = [str(HOME.parent), os.environ.get("PYTHONPATH")]
     process = None
-    command = [
-        sys.executable,
-        "-P",
-        "-W",
-        "ignore",
-        "-m",
-        "archfrag.physics.kernels",
-        "ready",
-    ]
     if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
         with contextlib.suppress(OSError):
-            process = subprocess.Popen(
-                [*command, *names],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
+            process = start_python("-m", "archfrag.physics.kernels", "ready", *names)
     try:
         yield
     finally:
         if process is not None:
             process.kill()
             process.communicate()
-
-
-def _end_with_parent() -> None:
-    sys.stdin.buffer.read()
-    os._exit(0)
 
 
 def build(folder: Path = SHIPPED) -> None:
@@ -115,7 +94,7 @@ if __name__ == "__main__":
         case ["ready"]:
             make_all_ready()
         case ["ready", *names]:
-            threading.Thread(target=_end_with_parent, daemon=True).start()
+            end_with_input()
             for each in names:
                 make_ready(each)
         case _:

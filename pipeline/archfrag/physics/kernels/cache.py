@@ -12,11 +12,11 @@ import hashlib
 import os
 import platform
 import shutil
-import stat
-import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
+
+from archfrag.system import is_own, kept_from_others, private_folder
 
 HOME = Path(__file__).resolve().parents[2]
 HOLDS_NO_KERNEL = (
@@ -65,12 +65,14 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
     Python. It takes half a second, so it is kept beside the machine code of the kernels, in a file
     named by a hash of the files' bytes.
     """
-    known = [str(each.relative_to(HOME)).encode() + each.read_bytes() for each in paths]
+    known = [
+        each.relative_to(HOME).as_posix().encode() + each.read_bytes() for each in paths
+    ]
     known += [Path(__file__).read_bytes(), platform.python_version().encode()]
     place = use_kernel_cache()
     kept = place and place / f"syntax-{hashlib.sha256(b''.join(known)).hexdigest()}"
     with contextlib.suppress(OSError, ValueError):
-        text = kept.read_text() if kept else ""
+        text = kept.read_text("ascii") if kept else ""
         if len(text) == 64:
             return text
     digest = hashlib.sha256()
@@ -80,7 +82,7 @@ def digest_of_syntax(paths: tuple[Path, ...]) -> str:
         )
     with contextlib.suppress(OSError):
         if kept:
-            kept.write_text(digest.hexdigest())
+            kept.write_text(digest.hexdigest(), "ascii")
     return digest.hexdigest()
 
 
@@ -137,43 +139,13 @@ def use_kernel_cache() -> Path | None:
         Path(chosen).absolute() if chosen else user_cache_path("archfrag") / "kernels"
     )
     with contextlib.suppress(OSError):
-        base = _kept_from_others(base)
+        base = kept_from_others(base)
         folder = base / f"k-{kernel_hash()}"
-        for place in (*reversed(folder.parents), folder):
-            with contextlib.suppress(FileExistsError):
-                place.mkdir(mode=0o700)
-        state = os.lstat(folder)
-        if (
-            not stat.S_ISDIR(state.st_mode)
-            or state.st_uid != os.getuid()
-            or state.st_mode & 0o077
-        ):
+        if not private_folder(folder):
             return None
-        tempfile.TemporaryFile(dir=folder).close()
         os.utime(folder)
         for other in base.glob("k-*"):
-            found = other.lstat()
-            if found.st_uid == os.getuid() and found.st_mtime <= time.time() - KEPT:
+            if is_own(other) and other.lstat().st_mtime <= time.time() - KEPT:
                 shutil.rmtree(other, ignore_errors=True)
         return folder
     return None
-
-
-def _kept_from_others(path: Path) -> Path:
-    """Return `path` without symbolic links; raise `PermissionError` if others can replace it.
-
-    Only root and we may own its directories and links. Others may write to a directory above it if
-    it has the sticky bit, as the temporary directory has. Members of a group that may write are
-    trusted: if each user has a group of their own, this is the usual umask.
-    """
-    resolved = Path(os.path.realpath(path))
-    for place in filter(
-        os.path.lexists, (path, *path.parents, resolved, *resolved.parents)
-    ):
-        state = os.lstat(place)
-        open_to_all = state.st_mode & stat.S_IWOTH and not state.st_mode & stat.S_ISVTX
-        if state.st_uid not in (0, os.getuid()) or (
-            open_to_all and not place.is_symlink()
-        ):
-            raise PermissionError(f"{place} can be written by others")
-    return resolved

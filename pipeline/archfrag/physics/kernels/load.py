@@ -11,7 +11,6 @@ import functools
 import hashlib
 import json
 import lzma
-import os
 import threading
 import uuid
 import warnings
@@ -22,7 +21,8 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
-from archfrag.physics.kernels.processor import has_common_features, machine
+from archfrag.physics.kernels.processor import can_use_shipped, machine
+from archfrag.system import replace
 
 SETS = ("rest", "steps", "events", "faces", "bridges")
 OF_ALL = SETS[:3]  # those that every study uses
@@ -57,7 +57,7 @@ def load(kernel, key) -> tuple[int, Any]:
 
 def is_shipped(name: str) -> bool:
     """Return whether shipped LLVM code of a set fits this source and this processor."""
-    return has_common_features() and _shipped(name)[0] == source_hash()
+    return can_use_shipped() and _shipped(name)[0] == source_hash()
 
 
 def is_ready(name: str) -> bool:
@@ -113,6 +113,9 @@ def _parsed(name: str) -> tuple[Any, Any] | None:
     _, offers, code = _shipped(name)
     try:
         module = llvm.parse_bitcode(code)
+        target = machine()
+        module.triple = target.triple
+        module.data_layout = str(target.target_data)
         for _, _, symbol, _ in offers:
             module.get_function(symbol)
     except (RuntimeError, NameError):
@@ -211,7 +214,7 @@ def _write(path: Path, content: tuple[Any, bytes]) -> None:
     temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.tmp")
     try:
         temporary.write_bytes(hashlib.sha256(written).digest() + written)
-        os.replace(temporary, path)
+        replace(temporary, path)
     except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()

@@ -8,11 +8,21 @@ import llvmlite.binding as llvm
 # fused multiply-adds.
 PROCESSOR = "x86-64-v3"
 NEEDED = ("avx2", "fma", "bmi2")
+ARM = ("arm64-", "aarch64-")
 
 
 def has_common_features() -> bool:
     """Return whether this processor has what `PROCESSOR` has."""
     return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
+
+
+def can_use_shipped() -> bool:
+    """Return whether LLVM can make machine code for this machine of the code that is shipped.
+
+    It has no instruction of any processor. It needs fused multiply-adds, which all processors of 64
+    bits by ARM have.
+    """
+    return has_common_features() or llvm.get_process_triple().startswith(ARM)
 
 
 @functools.cache

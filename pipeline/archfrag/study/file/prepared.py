@@ -1,7 +1,6 @@
 """The stored records of a study: measured motions, and a manifest that lists them."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import Named, make_folder, sha256_of
+from archfrag.files import Named, make_folder, relative_path, sha256_of
 from archfrag.motions.channel import Facts
 from archfrag.motions.measures import measure, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
@@ -87,7 +86,7 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
     """
     return {
         kind: {
-            os.path.relpath(path, study.folder): digest
+            relative_path(path, study.folder): digest
             for path in paths
             if (digest := provenance.sha256_if_there(path)) is not None
         }

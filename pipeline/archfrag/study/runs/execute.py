@@ -21,7 +21,7 @@ from archfrag.files import Named, make_folder
 from archfrag.fragility.verdicts import Verdict
 from archfrag.physics.methods.auto import goes_by_events
 from archfrag.physics.methods.registry import AUTO, METHODS
-from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
+from archfrag.simulation.warmup import is_shipped, kernels_are_compiled, warmup
 from archfrag.study.designs import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import StudyKeys
@@ -29,6 +29,7 @@ from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
+from archfrag.system import every
 
 # A chunk is one call of the kernels. They make four of its runs side by side until near its end,
 # so that chunks of 4 cost half as much again as those of 64. If there are many chunks, workers
