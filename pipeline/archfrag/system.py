@@ -121,18 +121,21 @@ def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
         ticker.join()
 
 
-def start_python(*arguments: str, **streams: int) -> "subprocess.Popen[bytes]":
+def start_python(
+    *arguments: str, stdout: int = subprocess.DEVNULL
+) -> "subprocess.Popen[bytes]":
     """Start another process of this Python, with the modules of this one.
 
-    `arguments` are those of the interpreter, `streams` those of `subprocess.Popen`. Its standard
-    input ends with this process: see `end_with_input`. Streams that are not given are closed.
+    `arguments` are those of the interpreter. Its standard input ends with this process: see
+    `end_with_input`. What it prints goes nowhere, unless `stdout` is a pipe.
     """
     places = [str(Path(__file__).resolve().parents[1]), os.environ.get("PYTHONPATH")]
-    quiet = dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL)
     return subprocess.Popen(
         [sys.executable, "-P", "-W", "ignore", *arguments],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
-        **{"stdin": subprocess.PIPE, **quiet, **streams},
+        stdin=subprocess.PIPE,
+        stdout=stdout,
+        stderr=subprocess.DEVNULL,
     )
 
 

@@ -265,7 +265,10 @@ def test_a_file_system_without_locks_has_one_run_at_a_time_too(copied, monkeypat
         raise OSError(38, "Function not implemented")
 
     monkeypatch.setattr("fcntl.flock", none)
-    with only_run(copied.study), pytest.raises(OutputError, match="another run of study"):
+    with (
+        only_run(copied.study),
+        pytest.raises(OutputError, match="another run of study"),
+    ):
         with only_run(copied.study):
             pass
     with only_run(copied.study):

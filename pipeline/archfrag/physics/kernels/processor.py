@@ -19,8 +19,8 @@ def has_common_features() -> bool:
 def can_use_shipped() -> bool:
     """Return whether LLVM can make machine code for this machine of the code that is shipped.
 
-    It has no instruction of any processor. It needs fused multiply-adds, which all processors of 64
-    bits by ARM have.
+    It has no instruction of any processor, but needs fused multiply-adds, which all processors of
+    64 bits by ARM have.
     """
     return has_common_features() or llvm.get_process_triple().startswith(ARM)
 
