@@ -1,14 +1,16 @@
 """How often the band that a report quotes holds the truth, over simulated studies.
 
-Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, and
-of planes in two measures.
+Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, of
+planes in two measures, and of curves updated by damage.
 
 ``python -m archbench.bands FOLDER FILE`` measures the posterior of few runs on the public data
 sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the evidence page.
 """
 
 import sys
+import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,6 +129,8 @@ PLANES = {
 }
 PLANES["stripes, 30 records, single runs scatter by 0.2"] = World(30, 0.2)
 EXPLAINED = 0.0, 0.15, 0.3
+# Earthquakes, places of each, and arches at each place.
+TOWNS = ((1, 1, 10), (1, 12, 3), (4, 8, 3))
 WIDTH = 0.7  # deviation of ln x1 and ln x2 of unscaled records, and correlation
 ALIKE = 0.7
 RATIO = 1.3
@@ -251,6 +255,48 @@ def coverage_of_planes(name: str, explained: float, studies: int) -> dict[str, f
     return {"band": held / planes, "gain": gains / planes, "plane": planes / studies}
 
 
+def coverage_of_updates(
+    earthquakes: int, places: int, arches: int, studies: int
+) -> dict[str, float]:
+    """Fraction of towns in which the 90 % intervals hold theta and beta, before and after damage.
+
+    A study of 8 records comes before. Half of beta^2 is an arch's own; tau is 0.2 and phi 0.3.
+    """
+    generator = np.random.default_rng([SEED, earthquakes, places, arches])
+    held = dict.fromkeys(("theta_before", "theta", "beta", "width"), 0.0)
+    half = DISPERSION / np.sqrt(2.0)
+    for _ in range(studies):
+        capacity = np.exp(DISPERSION * _logs(World(8), generator, 1)[0])
+        found = find_brackets(_collapsed(World(8), capacity, generator), FINE)
+        study = replace(quoted_band(found, FINE), measure="PGA", unit="g")
+        towns = []
+        for event in range(earthquakes):
+            lon, lat = 0.2 * generator.random((2, places))
+            x, y = 111.195 * np.array([lon, lat])
+            away = np.hypot(x[:, None] - x, y[:, None] - y)
+            root = np.linalg.cholesky(np.exp(-3.0 * away / 11.5))
+            median = np.exp(generator.normal(0.0, 0.5) + np.zeros(places))
+            logs = np.log(median) + 0.2 * generator.standard_normal()
+            logs += np.hypot(0.3, half) * root @ generator.standard_normal(places)
+            own = half * generator.standard_normal((arches, places))
+            own = np.where(logs + own > 0.0, "collapsed", "survived")
+            town = {"lon": lon, "lat": lat, "median": median, "event": event}
+            towns += [pd.DataFrame(town | {"state": row}) for row in own]
+        seen = pd.concat(towns).assign(tau=0.2, phi=0.3)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            curve = study.update(seen, beta_model=study.beta / np.sqrt(2.0))
+        for key, (low, high), value in (
+            ("theta_before", study.theta_interval, 1.0),
+            ("theta", curve.theta_interval, 1.0),
+            ("beta", curve.beta_interval, DISPERSION),
+        ):
+            held[key] += low <= value <= high
+        before, after = (np.ptp(np.log(each.theta_interval)) for each in (study, curve))
+        held["width"] += float(after / before)
+    return {key: value / studies for key, value in held.items()}
+
+
 def _plain(found: Brackets) -> Any:
     return fit_capacity_posterior(found.without_scatter()).curve
 
@@ -344,7 +390,14 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
         head = dict(zip(("runs", "explained", "studies"), key, strict=True))
         drawn.append(head | ({"failed": found} if isinstance(found, str) else found))
-    tables = {"coverage": rows, "ratio": shown, "planes": drawn}
+    towns: dict[tuple, tuple] = {(*town, few): (*town, few) for town in TOWNS}
+    updates: list[dict[str, Any]] = []
+    for key, found in bench.run(
+        "bands_updates", coverage_of_updates, towns, LIMIT
+    ).items():
+        head = dict(zip(("earthquakes", "places", "arches", "studies"), key))
+        updates.append(head | ({"failed": found} if isinstance(found, str) else found))
+    tables = {"coverage": rows, "ratio": shown, "planes": drawn, "updates": updates}
     return {name: pd.DataFrame(each) for name, each in tables.items()}
 
 

@@ -2,13 +2,13 @@
 
 P(state k or worse | x) = Phi((x + r - ln theta_k) / s) of an arch at ln intensity x. What arches
 share is not counted twice: r, the record-to-record part of beta, and x are normal over the places
-of an earthquake with the covariance tau tau' + (phi phi' + beta_record^2) rho, where rho = exp(-3 h
-/ length) at a distance h. s^2 = beta_model^2 + the variance of x that is an arch's own. Several
+of an earthquake with the covariance tau tau' + (phi phi' + beta_record^2) rho, where rho =
+exp(-3 h / length) at a distance h. s^2 = beta_model^2 + the variance of x that is an arch's own. Several
 limit states have one beta (Bodenmann, Baker and Stojadinovic 2024, doi 10.1177/87552930241261486).
 
 Draws of theta and beta are weighted by their likelihood. x + r is integrated about its likeliest
-value, in one dimension by Gauss and Hermite, in more by importance sampling (Naylor and Smith 1982,
-J. R. Stat. Soc. C 31; Pinheiro and Bates 1995, J. Comput. Graph. Stat. 4).
+value, in one dimension by Gauss and Hermite, in more by importance sampling (Naylor and Smith
+1982, J. R. Stat. Soc. C 31; Pinheiro and Bates 1995, J. Comput. Graph. Stat. 4).
 """
 
 import warnings
@@ -24,16 +24,16 @@ from archfrag.errors import FitError, InputError
 from archfrag.files import counted
 from archfrag.fragility.curve import Curve, FloatArray, IntArray, Pair
 from archfrag.fragility.damage import smoothed
-from archfrag.fragility.density import Density
 from archfrag.fragility.observed import Damage, Observed, damage_of
 from archfrag.fragility.probit import interval_terms, log_between
 from archfrag.fragility.several import crossing_words
 
-_DRAWS = 20_000  # of theta and beta
+_DRAWS = 20_000  # of theta and beta, for each state
 _FIRST = 300  # of them, from which the likelihood of all is interpolated
-_NEIGHBOURS = 40
 _FALL = 40.0  # of the log-likelihood below its greatest value, at most
+_ROUNDS = 5
 _USED = 500  # draws, chosen by the interpolated likelihood
+_STRATA = 20  # of beta
 _BLOCK = 500  # draws of neighbouring beta, within which thetas of several states are independent
 _NODES = 41  # of Gauss and Hermite
 _FIELDS = 64  # draws of intensities
@@ -45,7 +45,7 @@ _NEGLIGIBLE = 0.05  # variance of a direction, over that of an arch's own
 _FEWEST = 100.0  # effective number of draws
 _UNMOVED = 0.98  # effective share of the draws
 _LEAST_OWN = 0.05  # dispersion of an arch's own, over beta
-_GRID = np.linspace(-5.0, 5.0, 61)
+_NARROW = 1e-4  # scatter of ln beta that is added, for a beta that is known
 
 
 def updated(
@@ -71,14 +71,11 @@ def updated(
     found = []
     for column, state in zip(log_theta.T, states):
         points = np.stack([np.log(beta), column])
-        posterior = smoothed(points, weight, (len(damage), arches))
-        known = posterior.with_band(grid, curve.confidence)
+        known = smoothed(points, weight, (len(damage), arches))
         found.append(
             replace(
-                known,
-                **{name: getattr(state, name) for name in ("name", "state", "meaning")},
-                **{name: getattr(curve, name) for name in ("measure", "unit", "si")},
-                levels=curve.levels,
+                known.with_band(grid, curve.confidence),
+                **{name: getattr(state, name) for name in _KEPT},
                 n_independent=number,
                 method=f"updated by damage of {seen}; before: {curve.method or 'a curve'}",
                 assumptions=f"{curve.assumptions} {_ASSUMED.format(own)}".strip(),
@@ -90,9 +87,10 @@ def updated(
     return last
 
 
+_KEPT = "name", "state", "meaning", "measure", "unit", "si", "levels"
 _ASSUMED = (
-    "Damage updated it: {:.0%} of the variance of ln capacity is an arch's own; the rest, and what "
-    "is not known of the shaking, is shared within an earthquake."
+    "Damage updated it: {:.0%} of the variance of ln capacity is an arch's own; the rest, and "
+    "what is not known of the shaking, is shared within an earthquake."
 )
 
 
@@ -120,16 +118,15 @@ def _own_share(curve: Curve, beta_model: float | None) -> float:
 def _drawn(states: Sequence[Curve]) -> Pair:
     """Draw ln theta of limit states, (n, n_state), and beta, (n,), that of the severest."""
     generator = np.random.default_rng(0)
-    columns = []
+    number = _DRAWS * len(states)
+    columns = list[FloatArray]()
     for curve in states:
-        if curve.density is None:
-            curve = replace(curve, density=_normal(curve))
-        theta, beta = curve.draws(len(columns), _DRAWS)
-        rank = np.argsort(np.argsort(beta)) // _BLOCK
+        theta, beta = curve.draws(len(columns), number)
+        order = np.argsort(beta)
         if states[1:]:
-            order = np.lexsort([generator.random(_DRAWS), rank])
-            theta = theta[order]
-            beta = beta[order]
+            order = np.lexsort([generator.random(number), np.argsort(order) // _BLOCK])
+        theta = theta[order]
+        beta = beta[order] * np.exp(_NARROW * generator.standard_normal(number))
         columns.append(np.log(theta))
     log_theta = np.stack(columns, axis=1)
     kept = (np.diff(log_theta, axis=1) > 0.0).all(axis=1)
@@ -137,22 +134,12 @@ def _drawn(states: Sequence[Curve]) -> Pair:
         raise FitError(
             "the medians of the limit states are in the wrong order; they must rise"
         )
-    return log_theta[kept], beta[kept]
-
-
-def _normal(curve: Curve) -> Density:
-    """Return the density of a curve that has a covariance only."""
-    scale = np.array([1.0, 1.0 / curve.beta])
-    (across, both), (_, along) = curve.covariance * np.outer(scale, scale) + 1e-6 * np.eye(2)
-    rise = np.sqrt(along) * _GRID
-    width = np.sqrt(max(across - both**2 / along, 1e-12))
-    centre = np.log(curve.theta) + both / along * rise
-    weight = np.exp(-0.5 * (_GRID[:, None] ** 2 + _GRID**2))
-    return Density(
-        curve.beta * np.exp(rise),
-        centre[:, None] + width * _GRID,
-        weight / weight.sum(),
-    )
+    log_theta = log_theta[kept]
+    beta = beta[kept]
+    # So ordered, every m-th draw is a stratified sample.
+    rank = np.argsort(np.argsort(beta)) * _STRATA // beta.size
+    order = np.lexsort([log_theta[:, -1], rank])
+    return log_theta[order], beta[order]
 
 
 def _weighed(
@@ -163,20 +150,28 @@ def _weighed(
     """Return draws of the curve by their likelihood, their weights, and their effective number.
 
     The log-likelihood is found at some of all draws and interpolated. By this some draws are
-    chosen, and their weights make up for its error.
+    chosen, and their weights make up for its error; if that is large, they improve it.
     """
     points = np.column_stack([np.log(beta), log_theta])
-    points /= points.std(axis=0)
-    some = np.arange(0, beta.size, max(1, beta.size // _FIRST))
-    logs = function(log_theta[some], beta[some])
-    logs = np.maximum(logs, logs.max() - _FALL)
-    near = RBFInterpolator(points[some], logs, neighbors=_NEIGHBOURS)(points)
-    chance = softmax(near)
+    points /= np.ptp(np.quantile(points, [0.25, 0.75], axis=0), axis=0)
+    exact = np.full(beta.size, np.nan)
+    tried = np.arange(0, beta.size, max(1, beta.size // _FIRST))
+    exact[tried] = function(log_theta[tried], beta[tried])
     part = (np.arange(_USED) + 0.5) / _USED
-    kept = np.minimum(np.searchsorted(np.cumsum(chance), part), beta.size - 1)
-    once, place = np.unique(kept, return_inverse=True)
-    exact = function(log_theta[once], beta[once])[place]
-    return kept, softmax(exact - near[kept]), float(1.0 / (chance @ chance))
+    for _ in range(_ROUNDS):
+        known = np.flatnonzero(~np.isnan(exact))
+        logs = np.maximum(exact[known], exact[known].max() - _FALL)
+        near = RBFInterpolator(points[known], logs)(points)
+        chance = softmax(near)
+        kept = np.searchsorted(np.cumsum(chance), part)
+        kept = np.minimum(kept, beta.size - 1)
+        tried = np.setdiff1d(kept, known)
+        if tried.size:
+            exact[tried] = function(log_theta[tried], beta[tried])
+        weight = softmax(exact[kept] - near[kept])
+        if weight @ weight < 2.0 / _USED:
+            break
+    return kept, weight, float(1.0 / (chance @ chance))
 
 
 def evidence(
@@ -190,13 +185,17 @@ def evidence(
     record = (1.0 - own) * beta**2
     width = own * beta**2
     # Directions in which hardly anything is shared count as the arches' own.
-    values, vectors = np.linalg.eigh(damage.shared + np.median(record) * damage.likeness)
+    values, vectors = np.linalg.eigh(
+        damage.shared + np.median(record) * damage.likeness
+    )
     least = _NEGLIGIBLE * (np.median(width) + damage.own.mean())
     basis = vectors[:, values >= min(least, values[-1])]
     whole = damage.shared, damage.likeness
     inner = [basis.T @ each @ basis for each in whole]
     rest = [
-        np.maximum(np.diag(each) - ((basis @ part) * basis).sum(axis=1), 0.0)[damage.place]
+        np.maximum(np.diag(each) - ((basis @ part) * basis).sum(axis=1), 0.0)[
+            damage.place
+        ]
         for each, part in zip(whole, inner)
     ]
     basis = basis[damage.place]
@@ -216,7 +215,9 @@ def evidence(
         square = width[at, None] + damage.own + rest[0] + record[at, None] * rest[1]
         edges = np.pad(log_theta[at], ((0, 0), (1, 1)), constant_values=np.nan)
         bounds = [
-            np.stack([np.ones_like(square), damage.centre - edges[:, damage.state + k]], -1)
+            np.stack(
+                [np.ones_like(square), damage.centre - edges[:, damage.state + k]], -1
+            )
             / np.sqrt(square)[..., None]
             for k in (1, 0)
         ]
@@ -224,17 +225,20 @@ def evidence(
     return np.concatenate(parts)
 
 
-def _integrated(root: FloatArray, bounds: Sequence[FloatArray], rule: Pair) -> FloatArray:
+def _integrated(
+    root: FloatArray, bounds: Sequence[FloatArray], rule: Pair
+) -> FloatArray:
     """Return ln of the mean of prod (Phi(high) - Phi(low)) over v normal, (n_draw,).
 
     `bounds` are low and high, (n_draw, n_arch, 2): slope and intercept in x = root v, nan in the
-    intercept where there is no bound. `root` is (n_draw, n_arch, n); `rule` are nodes, (n, n_node),
-    about the likeliest v, and ln weights.
+    intercept where there is no bound. `root` is (n_draw, n_arch, n); `rule` are nodes about the
+    likeliest v, (n, n_node), and ln weights.
     """
     noise, weight = rule
     across = np.swapaxes(root, 1, 2)
     rows = [
-        np.where(np.isnan(row[..., 1:]), np.nan, row).reshape(-1, 1, 2) for row in bounds
+        np.where(np.isnan(row[..., 1:]), np.nan, row).reshape(-1, 1, 2)
+        for row in bounds
     ]
     at = np.zeros((len(root), len(noise)))
     for _ in range(_ITERATIONS):
@@ -261,15 +265,14 @@ def _integrated(root: FloatArray, bounds: Sequence[FloatArray], rule: Pair) -> F
     return np.asarray(logsumexp(logs, axis=1) - volume)
 
 
-def _warn(
-    curve: Curve, damage: Sequence[Damage], number: float, drawn: int
-) -> None:
+def _warn(curve: Curve, damage: Sequence[Damage], number: float, drawn: int) -> None:
     """Warn if damage and curve contradict, if damage says nothing, or is beyond the levels."""
     most = max(np.exp(each.centre.max()) for each in damage)
     top = max(curve.levels, default=np.inf)
     found = {
-        f"the damage contradicts the curve: {number:.0f} of {drawn} draws of it have nearly all "
-        "the weight; check intensities and states": number < _FEWEST,
+        f"only {number:.0f} of {drawn} draws of the curve agree with the damage: it was very "
+        "wide, or the damage contradicts it; check intensities and states": number
+        < _FEWEST,
         "the damage tells hardly anything of the median and the dispersion, which are those of "
         "before": number > _UNMOVED * drawn,
         f"arches were shaken by up to {most:.3g} {curve.unit}, and the highest level of the study "
