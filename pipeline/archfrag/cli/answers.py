@@ -303,16 +303,16 @@ def update(
         files = [f"{each['format']}: {each['file']}" for each in made["files"]]
     lines = [f"{word:9} {'  '.join(curve.words())}" for word, curve in curves.items()]
     lines.append(f"{name}: {last.method}")
+    names = (
+        "theta",
+        "theta_interval",
+        "beta",
+        "beta_interval",
+        "n_independent",
+        "method",
+    )
     facts = {
-        word: {
-            "theta": curve.theta,
-            "theta_interval": curve.theta_interval,
-            "beta": curve.beta,
-            "beta_interval": curve.beta_interval,
-            "independent": curve.n_independent,
-            "method": curve.method,
-        }
-        for word, curve in curves.items()
+        k: {name: getattr(each, name) for name in names} for k, each in curves.items()
     }
     show(facts, "\n".join(lines + files), as_json)
 

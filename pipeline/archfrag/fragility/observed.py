@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial.distance import cdist
 
 from archfrag.errors import InputError
 from archfrag.files import number, read_text, stated_unit, table_of
@@ -27,6 +27,7 @@ _UNITS = {"pctg": 0.0980665, "%g": 0.0980665, "cms": 0.01, "cm/s": 0.01}
 # Ranges of correlation in Italy [km], a + b T with the period T [s]: Esposito and Iervolino 2011,
 # Bull. Seismol. Soc. Am. 101, for PGA, and 2012, the same 102, for Sa(T), as BayesFrag has them.
 _LENGTHS = {"PGA": (11.5, 0.0), "Sa": (8.6, 11.6)}
+_FIELD = re.compile(r'<grid_field\b[^>]*\bname="(\w+)"[^>]*\bunits="([^"]*)"')
 _MEASURE = re.compile(r"(?:RotD\d+\()?([A-Za-z]*)(?:\(([\d.]+)\))?")
 
 
@@ -62,15 +63,16 @@ def damage_of(
             raise InputError(
                 "shakemap has intensities and stations already; leave out stations and median"
             )
-        _require(table, _PLACE)
+        _complete(table, _PLACE)
         table = table.assign(**_shaken(table[_PLACE], shakemap, curve))
-    table = _divided(table, share)
-    _require(table, ["state", *_SHAKING])
+    needed = ["state", *_SHAKING]
     known = pd.DataFrame(columns=["event"])
     if stations is not None:
-        known = _divided(_table(stations, curve), share)
-        _require(known, [*_SHAKING, *_PLACE, "observed"])
-        _require(table, _PLACE)
+        needed += _PLACE
+        known = _complete(
+            _table(stations, curve), ["observed", *_SHAKING, *_PLACE], share
+        )
+    table = _complete(table, needed, share)
     codes, states = _states(table["state"], curve)
     found = [
         _damage(
@@ -93,10 +95,11 @@ def _table(given: Observed, curve: Curve) -> pd.DataFrame:
     heads = [stated_unit(str(head).strip()) for head in table]
     table = table.set_axis([name for name, _ in heads], axis=1).reset_index(drop=True)
     for name, unit in heads:
-        if name not in _KNOWN or unit not in (None, curve.unit):
+        twice = [*table].count(name) > 1
+        if twice or name not in _KNOWN or unit not in (None, curve.unit):
             raise InputError(
-                f"column {name} [{unit or '1'}] is not known; known are {', '.join(_KNOWN)}, "
-                f"intensities in {curve.unit}"
+                f"column {name} [{unit or '1'}] is not known or is there twice; known are "
+                f"{', '.join(_KNOWN)}, intensities in {curve.unit}"
             )
         if name in ("state", "event"):
             continue
@@ -104,40 +107,39 @@ def _table(given: Observed, curve: Curve) -> pd.DataFrame:
             values = table[name].map(number)
         except ValueError as error:
             raise InputError(f"column {name}: {error}") from None
-        least = {"lon": -np.inf, "lat": -np.inf, "median": 1e-12, "observed": 1e-12}
-        if not values.between(least.get(name, 0.0), 1e12).all():
-            raise InputError(
-                f"column {name} holds {values.min():g}; it must be above 0"
-            )
+        least = {"median": 1e-9, "observed": 1e-9, "lon": -360.0, "lat": -90.0}
+        if not values.between(least.get(name, 0.0), 1e9).all():
+            raise InputError(f"column {name} holds {values.min():g}, which cannot be")
         table[name] = values
     if table.empty:
         raise InputError("the table has no rows")
     return table if "event" in table else table.assign(event="")
 
 
-def _divided(table: pd.DataFrame, share: float | None) -> pd.DataFrame:
-    """Return a table with tau and phi; they are parts of the column sd if there is one."""
-    if "sd" not in table:
-        return table
-    if share is None or not 0.0 <= share <= 1.0:
-        raise InputError(
-            f"share is {share}; sd is a total scatter, and share, from 0 to 1, is the part of its "
-            "square that all places of an earthquake have in common: give it, or columns tau and "
-            "phi instead of sd"
-        )
-    tau, phi = (np.sqrt(part) * table["sd"] for part in (share, 1.0 - share))
-    return table.assign(tau=tau, phi=phi)
+def _complete(
+    table: pd.DataFrame, names: Sequence[str], share: float | None = None
+) -> pd.DataFrame:
+    """Return a table with tau and phi, which are parts of the column sd if there is one.
 
-
-def _require(table: pd.DataFrame, names: Sequence[str]) -> None:
-    """Raise InputError unless a table has all columns."""
+    InputError unless it has all columns `names`.
+    """
+    if "sd" in table:
+        if share is None or not 0.0 <= share <= 1.0:
+            raise InputError(
+                f"share is {share}; sd is a total scatter, and share, from 0 to 1, is the part of "
+                "its square that all places of an earthquake have in common: give it, or columns "
+                "tau and phi instead of sd"
+            )
+        tau, phi = (np.sqrt(part) * table["sd"] for part in (share, 1.0 - share))
+        table = table.drop(columns="sd").assign(tau=tau, phi=phi)
     for name in names:
         if name not in table:
             raise InputError(
-                f"a table has columns {', '.join(map(str, table))} and no column {name}; it needs "
+                f"a table has columns {', '.join(table.columns)} and no column {name}; it needs "
                 f"{', '.join(names)} (tau and phi: standard deviations of ln intensity between "
                 "and within earthquakes)"
             )
+    return table
 
 
 def _states(words: pd.Series, curve: Curve) -> tuple[IntArray, list[Curve]]:
@@ -161,11 +163,8 @@ def _states(words: pd.Series, curve: Curve) -> tuple[IntArray, list[Curve]]:
 
 def _correlation(places: FloatArray, curve: Curve, length: float | None) -> FloatArray:
     """Return exp(-3 h / length) between places, (n, 2) longitude and latitude, (n, n)."""
-    lon, lat = places.T
-    east = _TO_PLANE * lon * np.cos(np.radians(lat.mean()))
-    away = np.hypot(
-        *(np.subtract.outer(each, each) for each in (east, _TO_PLANE * lat))
-    )
+    plane = _TO_PLANE * places * [np.cos(np.radians(places[:, 1].mean())), 1.0]
+    away = cdist(plane, plane)
     ((kind, period), *_) = _MEASURE.findall(curve.measure)
     if length is None and kind in _LENGTHS:
         first, rise = _LENGTHS[kind]
@@ -186,7 +185,7 @@ def _damage(
     if "lon" not in rows:
         own = rows["phi"].to_numpy() ** 2
         rows = rows.assign(lon=0.0, lat=0.0, phi=0.0)
-    _require(rows, _PLACE)
+    _complete(rows, _PLACE)
     keys = [*_PLACE, "tau", "phi"]
     every, place = np.unique(rows[keys].to_numpy(), axis=0, return_inverse=True)
     n = len(every)
@@ -218,21 +217,19 @@ def _shaken(
     found = dict[str, FloatArray]()
     for path in files:
         text = read_text(Path(path), _LARGEST, InputError, "the ShakeMap")
+        units = dict(_FIELD.findall(text))
+        cells = text.partition("<grid_data>")[2].partition("<")[0].split()
         try:
-            root = ElementTree.fromstring(text.encode())
-            heads = [each.attrib for each in root.iterfind("{*}grid_field")]
-            cells = np.array(root.findtext("{*}grid_data", "").split(), float)
             grid = pd.DataFrame(
-                cells.reshape(-1, len(heads)), columns=[each["name"] for each in heads]
+                np.reshape(cells, (-1, len(units))).astype(float), columns=[*units]
             )
-            units = {each["name"]: each["units"] for each in heads}
             nodes = grid[["LON", "LAT"]].to_numpy()
-            for name in {field, f"STD{field}"} & {*grid}:
+            for name in {field, f"STD{field}"} & {*units}:
                 values = grid[name].to_numpy()
                 if name == field:
                     values = np.log(values * _UNITS[units[name]] / curve.si)
                 found[name] = LinearNDInterpolator(nodes, values)(places.to_numpy())
-        except (ElementTree.ParseError, LookupError, ValueError) as error:
+        except (LookupError, ValueError) as error:
             raise InputError(
                 f"{path}: is damaged or no grid of ShakeMap: {error}"
             ) from None

@@ -3,8 +3,9 @@
 P(state k or worse | x) = Phi((x + r - ln theta_k) / s) of an arch at ln intensity x. What arches
 share is not counted twice: r, the record-to-record part of beta, and x are normal over the places
 of an earthquake with the covariance tau tau' + (phi phi' + beta_record^2) rho, where rho =
-exp(-3 h / length) at a distance h. s^2 = beta_model^2 + the variance of x that is an arch's own. Several
-limit states have one beta (Bodenmann, Baker and Stojadinovic 2024, doi 10.1177/87552930241261486).
+exp(-3 h / length) at a distance h. s^2 = beta_model^2 + the variance of x that is an arch's own.
+Several limit states have one beta (Bodenmann, Baker and Stojadinovic 2024, doi
+10.1177/87552930241261486).
 
 Draws of theta and beta are weighted by their likelihood. x + r is integrated about its likeliest
 value, in one dimension by Gauss and Hermite, in more by importance sampling (Naylor and Smith
@@ -14,6 +15,7 @@ value, in one dimension by Gauss and Hermite, in more by importance sampling (Na
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -31,7 +33,7 @@ from archfrag.fragility.several import crossing_words
 _DRAWS = 20_000  # of theta and beta, for each state
 _FIRST = 300  # of them, from which the likelihood of all is interpolated
 _FALL = 40.0  # of the log-likelihood below its greatest value, at most
-_ROUNDS = 5
+_ATTEMPTS = 5
 _USED = 500  # draws, chosen by the interpolated likelihood
 _STRATA = 20  # of beta
 _BLOCK = 500  # draws of neighbouring beta, within which thetas of several states are independent
@@ -158,7 +160,7 @@ def _weighed(
     tried = np.arange(0, beta.size, max(1, beta.size // _FIRST))
     exact[tried] = function(log_theta[tried], beta[tried])
     part = (np.arange(_USED) + 0.5) / _USED
-    for _ in range(_ROUNDS):
+    for _ in range(_ATTEMPTS):
         known = np.flatnonzero(~np.isnan(exact))
         logs = np.maximum(exact[known], exact[known].max() - _FALL)
         near = RBFInterpolator(points[known], logs)(points)
@@ -183,86 +185,92 @@ def evidence(
     (n_draw,), that is an arch's own.
     """
     record = (1.0 - own) * beta**2
-    width = own * beta**2
-    # Directions in which hardly anything is shared count as the arches' own.
-    values, vectors = np.linalg.eigh(
-        damage.shared + np.median(record) * damage.likeness
+    basis, left = _directions(damage, np.median(record), own * np.median(beta) ** 2)
+    shared, likeness = (
+        basis.T @ each @ basis for each in (damage.shared, damage.likeness)
     )
-    least = _NEGLIGIBLE * (np.median(width) + damage.own.mean())
-    basis = vectors[:, values >= min(least, values[-1])]
-    whole = damage.shared, damage.likeness
-    inner = [basis.T @ each @ basis for each in whole]
-    rest = [
-        np.maximum(np.diag(each) - ((basis @ part) * basis).sum(axis=1), 0.0)[
-            damage.place
-        ]
-        for each, part in zip(whole, inner)
-    ]
+    rule = _rule(basis.shape[1])
     basis = basis[damage.place]
-    size = basis.shape[1]
-    if size == 1:
-        noise, weight = np.polynomial.hermite_e.hermegauss(_NODES)
-        rule = noise[None], np.log(weight / weight.sum())
-    else:
-        normal = qmc.MultivariateNormalQMC(np.zeros(size), rng=np.random.default_rng(1))
-        rule = normal.random(_FIELDS).T, np.full(_FIELDS, -np.log(_FIELDS))
-    step = max(1, _MEMORY // (len(basis) * max(size, _FIELDS)))
+    step = max(1, _MEMORY // (len(basis) * max(basis.shape[1], _FIELDS)))
     parts = []
     for i in range(0, beta.size, step):
         at = slice(i, i + step)
-        both = inner[0] + record[at, None, None] * inner[1] + _KNOWN * np.eye(size)
-        root = basis @ np.linalg.cholesky(both)
-        square = width[at, None] + damage.own + rest[0] + record[at, None] * rest[1]
+        both = shared + record[at, None, None] * likeness
+        root = basis @ np.linalg.cholesky(both + _KNOWN * np.eye(len(both[0])))
+        width = np.sqrt(own * beta[at, None] ** 2 + damage.own + left)
         edges = np.pad(log_theta[at], ((0, 0), (1, 1)), constant_values=np.nan)
-        bounds = [
-            np.stack(
-                [np.ones_like(square), damage.centre - edges[:, damage.state + k]], -1
-            )
-            / np.sqrt(square)[..., None]
-            for k in (1, 0)
-        ]
-        parts.append(_integrated(root, bounds, rule))
+        lines = [(damage.centre - edges[:, damage.state + k]) / width for k in (1, 0)]
+        parts.append(_integrated(root, 1.0 / width, lines, rule))
     return np.concatenate(parts)
 
 
+def _directions(damage: Damage, record: float, width: float) -> Pair:
+    """Return directions in which places share intensity, and the variance that is left out.
+
+    They are (n_place, n) and by arch. Directions of hardly any variance beside `width` are left
+    out, and count as the arches' own.
+    """
+    whole = damage.shared + record * damage.likeness
+    values, vectors = np.linalg.eigh(whole)
+    least = _NEGLIGIBLE * (width + damage.own.mean())
+    kept = values >= min(least, values[-1])
+    left = np.diag(whole) - vectors[:, kept] ** 2 @ values[kept]
+    return vectors[:, kept], np.maximum(left, 0.0)[damage.place]
+
+
+def _rule(size: int) -> Pair:
+    """Return nodes, (size, n_node), and ln weights of a mean over standard normal numbers."""
+    if size == 1:
+        nodes, weight = np.polynomial.hermite_e.hermegauss(_NODES)
+        return nodes[None], np.log(weight / weight.sum())
+    normal = qmc.MultivariateNormalQMC(np.zeros(size), rng=np.random.default_rng(1))
+    return normal.random(_FIELDS).T, np.full(_FIELDS, -np.log(_FIELDS))
+
+
 def _integrated(
-    root: FloatArray, bounds: Sequence[FloatArray], rule: Pair
+    root: FloatArray, slope: FloatArray, lines: Sequence[FloatArray], rule: Pair
 ) -> FloatArray:
     """Return ln of the mean of prod (Phi(high) - Phi(low)) over v normal, (n_draw,).
 
-    `bounds` are low and high, (n_draw, n_arch, 2): slope and intercept in x = root v, nan in the
-    intercept where there is no bound. `root` is (n_draw, n_arch, n); `rule` are nodes about the
-    likeliest v, (n, n_node), and ln weights.
+    low and high are slope x + `lines`, with x = root v, of each arch; nan is no bound. `slope` and
+    lines are (n_draw, n_arch), `root` is (n_draw, n_arch, n); `rule` is that of `_rule`, about the
+    likeliest v.
     """
     noise, weight = rule
-    across = np.swapaxes(root, 1, 2)
-    rows = [
-        np.where(np.isnan(row[..., 1:]), np.nan, row).reshape(-1, 1, 2)
-        for row in bounds
-    ]
-    at = np.zeros((len(root), len(noise)))
-    for _ in range(_ITERATIONS):
-        x = (root @ at[..., None])[..., 0]
-        p = np.stack([x, np.ones_like(x)], -1).reshape(-1, 2)
-        _, slope, bend = interval_terms(p, *rows)
-        slope = across @ slope[:, 0].reshape(*x.shape, 1) + at[..., None]
-        bend = bend[:, 0, 0].reshape(*x.shape, 1)
-        curvature = across @ (bend * root) + np.eye(len(noise))
-        step = np.linalg.solve(curvature, slope)[..., 0]
-        at -= step
-        if np.abs(step).max() < _CLOSE:
-            break
-    factor = np.linalg.cholesky(curvature)
+    at, factor = _likeliest(root, slope, lines)
     fields = at[..., None] + np.linalg.solve(np.swapaxes(factor, 1, 2), noise)
-    x = root @ fields
+    x = slope[..., None] * (root @ fields)
     low, high = (
-        np.where(np.isnan(row[..., 1:]), side, row[..., :1] * x + row[..., 1:])
-        for row, side in zip(bounds, (-np.inf, np.inf))
+        np.where(np.isnan(line), side, line)[..., None] + x
+        for line, side in zip(lines, (-np.inf, np.inf))
     )
     logs = log_between(low, high).sum(axis=1) + weight
     logs += 0.5 * ((noise**2).sum(axis=0) - (fields**2).sum(axis=1))
     volume = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
     return np.asarray(logsumexp(logs, axis=1) - volume)
+
+
+def _likeliest(
+    root: FloatArray, slope: FloatArray, lines: Sequence[FloatArray]
+) -> tuple[Any, Any]:
+    """Return the likeliest v of `_integrated`, and the Cholesky factor of the curvature there."""
+    turned = np.swapaxes(root, 1, 2)
+    one = np.eye(root.shape[2])
+    at: Any = np.zeros(turned.shape[:2])
+    bounds = [
+        np.stack([slope + 0.0 * line, line], axis=-1).reshape(-1, 1, 2)
+        for line in lines
+    ]
+    for _ in range(_ITERATIONS):
+        x = (root @ at[..., None]).ravel()
+        _, rise, bend = interval_terms(np.stack([x, np.ones_like(x)], 1), *bounds)
+        gradient = turned @ rise[:, 0].reshape(*slope.shape, 1) + at[..., None]
+        curvature = turned @ (bend[:, 0, 0].reshape(*slope.shape, 1) * root) + one
+        step = np.linalg.solve(curvature, gradient)[..., 0]
+        at -= step
+        if np.abs(step).max() < _CLOSE:
+            break
+    return at, np.linalg.cholesky(curvature)
 
 
 def _warn(curve: Curve, damage: Sequence[Damage], number: float, drawn: int) -> None:

@@ -263,7 +263,7 @@ class ReportInputs:
 
     @cached_property
     def code_rows(self) -> pd.DataFrame | None:
-        """Demand and capacity by the code that was asked for; None without one or without rates."""
+        """Demand and capacity by the code that was asked for; None if there are no rates."""
         if self.code is None or not isinstance(self.risk, StudyRisk):
             return None
         return code_table(self.quoted, self.risk, self.code)
