@@ -219,4 +219,5 @@ def test_refusals(change, options, words):
 def test_another_measure_needs_its_length():
     with pytest.raises(InputError, match="length is None"):
         replace(PRIOR, measure="PGV").update(FAR, beta_model=0.3)
-    replace(PRIOR, measure="Sa(0.5)").update(FAR, beta_model=0.3)
+    with pytest.warns(UserWarning, match="hardly anything"):
+        replace(PRIOR, measure="Sa(0.5)").update(FAR, beta_model=0.3)
