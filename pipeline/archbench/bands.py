@@ -387,7 +387,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
         head = dict(zip(("runs", "explained", "studies"), key, strict=True))
         drawn.append(head | ({"failed": found} if isinstance(found, str) else found))
-    towns: dict[tuple, tuple] = {(*town, few): (*town, few) for town in TOWNS}
+    number = 5 if bench.quick else 300
+    towns: dict[tuple, tuple] = {(*town, number): (*town, number) for town in TOWNS}
     updates: list[dict[str, Any]] = []
     for key, found in bench.run(
         "bands_updates", coverage_of_updates, towns, LIMIT
