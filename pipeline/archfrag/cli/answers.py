@@ -85,7 +85,7 @@ def export(
 
     The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
 
-    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and averages of Sa in g, PGV in cm/s. A class of arches
     has one curve, the mean of those of its arches. An arch without a curve is in the tables of
     runs, records and arches only, and a message states why.
 

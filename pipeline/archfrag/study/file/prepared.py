@@ -40,6 +40,10 @@ COMPARED = (
     "Sa(2)",
     "Sa(3)",
     "AvgSA(0.2,2)",
+    "Sa_avg2(0.5)",
+    "Sa_avg3(0.5)",
+    "FIV3(0.5)",
+    "FIV3(1)",
 )
 _AGAIN = "run `archfrag motions` on the study file"
 
