@@ -190,8 +190,18 @@ def compare(found, curves):
 
 @pytest.mark.parametrize(
     "measure",
-    ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "CAV", "Arias"]
-    + ["Sa_avg2(0.5)", "Sa_avg3(0.5)", "FIV3(1)"],
+    [
+        "PGA",
+        "PGV",
+        "PGD",
+        "Sa(0.5)",
+        "AvgSA(0.2,1.0)",
+        "CAV",
+        "Arias",
+        "Sa_avg2(0.5)",
+        "Sa_avg3(0.5)",
+        "FIV3(1)",
+    ],
 )
 def test_parser_of_openquake(tmp_path, measure):
     curves = curve_set(measure)

@@ -161,7 +161,7 @@ def _mean(spectrum: Samples, periods: Samples) -> float:
 
 def _intensity(spectrum: Samples, periods: Samples) -> float:
     """Return the integral over `periods` of the pseudo-spectral velocity of Sa, (n_period,)."""
-    return np.trapezoid(spectrum * periods / (2.0 * np.pi), periods)
+    return float(np.trapezoid(spectrum * periods / (2.0 * np.pi), periods))
 
 
 def _multiples(most: float, period: float) -> Samples:
