@@ -289,37 +289,47 @@ def select(
     names = ("count", "seed", "max_scale", "per_event")
     targets = _targets(options, sorted(selection.spectrum_columns(table)))
     figures = {
-        level: figure and figure.with_stem(figure.stem + f"-{level:g}" * bool(level))
+        level: figure and figure.with_stem("-".join([figure.stem, *_digits(level)]))
         for level in targets
     }
     check_written(out, selection.target_file(out), *figures.values())
-    selected = {}
-    every = {}
-    texts = []
-    for level, target in targets.items():
-        chosen = selection.select_records(
-            table, target, **{name: options[name] for name in names}
-        )
-        selected[level] = chosen
-        every[level] = facts = chosen.facts()
-        at = f"level {level:g}: " * bool(level)
-        for caution in chosen.cautions:
-            warn(f"caution: {at}{caution}")
-        median, sd = (
-            max(abs(error or 0.0) for error in facts[key])
-            for key in ("median_error", "sd_error")
-        )
-        texts.append(
-            f"{at}{counted(len(chosen.table), 'record')} selected of {chosen.candidates}: median "
-            f"within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}"
-        )
+    given = {name: options[name] for name in names}
+    selected = {
+        level: selection.select_records(table, target, **given)
+        for level, target in targets.items()
+    }
     selection.write_selected(selected, out, folder=flatfile.parent)
     for level, chosen in selected.items():
+        for caution in chosen.cautions:
+            warn(
+                ": ".join(["caution", *map("level {}".format, _digits(level)), caution])
+            )
         own = figures[level]
         if own is not None:
             _draw_selected(own, chosen)
+    every = {level: chosen.facts() for level, chosen in selected.items()}
+    texts = [
+        ": ".join([*map("level {}".format, _digits(level)), _chosen_text(facts)])
+        for level, facts in every.items()
+    ]
     facts = every.get(None) or {"levels": {f"{at:g}": own for at, own in every.items()}}
-    show(facts, "\n".join(texts), as_json)
+    show(facts, f"{'; '.join(texts)}: {out}", as_json)
+
+
+def _digits(level: float | None) -> list[str]:
+    return [] if level is None else [f"{level:g}"]
+
+
+def _chosen_text(facts: Options) -> str:
+    """Return words on a selection from its facts."""
+    median, sd = (
+        max(abs(error or 0.0) for error in facts[key])
+        for key in ("median_error", "sd_error")
+    )
+    return (
+        f"{counted(len(facts['records']), 'record')} selected of {facts['candidates']}: median "
+        f"within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
+    )
 
 
 def _draw_selected(figure: Path, chosen: selection.Selection) -> None:
