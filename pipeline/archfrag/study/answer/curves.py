@@ -126,9 +126,7 @@ class ArchRuns:
     @property
     def by_level(self) -> bool:
         """Whether an index gave records their levels: those run at a level are its sample."""
-        own = self.whole is not None and "table_sha256" not in self.whole.attrs
-        not_run = self.verdict == Verdict.NOT_RUN
-        return own and not self.design.adaptive and bool(not_run.any())
+        return self.whole is not None and "archfrag_levels" in self.whole.attrs
 
     @property
     def intact(self) -> bool:
