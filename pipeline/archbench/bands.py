@@ -26,7 +26,7 @@ from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
 from archfrag.fragility.several import left_out, parts_of, ratios
-from archfrag.fragility.verdicts import Brackets, find_brackets
+from archfrag.fragility.verdicts import Brackets, Verdict, find_brackets
 from archfrag.study.designs import Grid, Ida, ask
 
 Array = NDArray[np.float64]
@@ -107,6 +107,10 @@ COVERED = {
         for s in (0.0, 0.2, 0.3)
     },
     **{f"single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
+    **{
+        f"levels of their own, {m} an event": World(45, per_event=m, design="levels")
+        for m in (1, 3)
+    },
 }
 TOGETHER = 0.8  # correlation of ln capacities of two states, or of two arches
 # Two arches, the second with 1.3 times the median capacity, under the same motions.
@@ -183,7 +187,10 @@ def coverage_in(name: str, studies: int) -> dict[str, float]:
         verdict = _collapsed(world, np.minimum(collapse, world.state * own), generator)
         if world.design == "ida":
             verdict = _requested(verdict, seed)
-        known = quoted_band(find_brackets(verdict, FINE), im, groups=groups)
+        if world.design == "levels":
+            place = np.arange(world.size)[:, None] % FINE.size
+            verdict = np.where(place == np.arange(FINE.size), verdict, Verdict.NOT_RUN)
+        known = quoted_band(find_brackets(verdict, FINE).packed, im, groups=groups)
         held[:-2] += (known.lower <= P) & (known.upper >= P)
         held[-2] += known.theta_interval[0] <= im[2] <= known.theta_interval[1]
         held[-1] += known.beta_interval[0] <= beta <= known.beta_interval[1]

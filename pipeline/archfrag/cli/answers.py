@@ -86,9 +86,9 @@ def export(
 
     The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
 
-    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
-    has one curve, the mean of those of its arches. An arch without a curve is in the tables of
-    runs, records and arches only, and a message states why.
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and averages of Sa in g, PGV in cm/s. A class of
+    arches has one curve, the mean of those of its arches. An arch without a curve is in the tables
+    of runs, records and arches only, and a message states why.
 
     All limit states with a curve are written, and a note names the others and the reason. If the
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up

@@ -379,7 +379,7 @@ def arch_results(runs: ArchRuns, scale: Scale) -> ArchResults:
         counts=counts,
         known=count_verdicts(runs.filled) if runs.gaps else counts,
         capacities=scale.factor
-        * np.where(brackets.bracketed, brackets.middle, brackets.upper),
+        * np.where(brackets.bracketed | runs.by_level, brackets.middle, brackets.upper),
     )
 
 

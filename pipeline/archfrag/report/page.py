@@ -17,6 +17,7 @@ from markupsafe import Markup, escape
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import OutputError
 from archfrag.files import check_targets, make_folder
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report.curve_figures import (
@@ -440,6 +441,10 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
         words = f"scaled to {scale.measure} = {at}, {why}"
     place = {"level": level, "arch": 0}
     chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
+    if next(iter(inputs.fitted.runs.values())).by_level:
+        words += ", of those run at it"
+        made = inputs.cube["verdict"].isel(level=level) != Verdict.NOT_RUN
+        chosen = np.where(made.any("arch"), chosen, np.nan)
     entries = [Entry("records", GREY, "line"), Entry("16 to 84 %", "#b9dcf2")]
     entries.append(Entry("median", BLUE, "line"))
     target, factors = inputs.target or (None, {})

@@ -291,9 +291,10 @@ def arch_cautions(
     if not runs.design.on_levels:
         return
     beyond = (runs.survived[:, -1] & ~runs.collapsed.any(axis=1)).sum()
-    if beyond > MOST_SURVIVING * n_record:
+    tried = counts["runs"][-1] if runs.by_level else n_record
+    if beyond > MOST_SURVIVING * tried:
         yield (
-            f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "
+            f"{beyond} of {tried} records cause no collapse up to {named[-1]}, the highest "
             "level, and a curve beyond it is extrapolated; add higher levels"
         )
     once = np.maximum.accumulate(runs.collapsed, axis=1)

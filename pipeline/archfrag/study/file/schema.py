@@ -69,8 +69,8 @@ class Intensity(Section):
     """The levels to which the motions are scaled."""
 
     measure: str
-    """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T) or AvgSA(T1,T2);
-    RotD50() or RotD100() of PGA, PGV or Sa(T)."""
+    """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T), AvgSA(T1,T2),
+    Sa_avg2(T), Sa_avg3(T) or FIV3(T); RotD50() or RotD100() of any of these."""
     unit: str
     """Unit of the levels: of accelerations g, m/s2, cm/s2 or gal, else m/s or cm/s, m or cm."""
     levels: Annotated[
