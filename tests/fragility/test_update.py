@@ -11,7 +11,8 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.observed import damage_of
 from archfrag.fragility.quoted import quoted_band
-from archfrag.fragility.update import evidence, updated
+from archfrag.fragility.evidence import evidence
+from archfrag.fragility.update import updated
 from archfrag.fragility.verdicts import find_brackets
 
 SPREAD = np.log(0.49 / 0.32) / (2.0 * norm.ppf(0.95))
