@@ -1,14 +1,16 @@
 """How often the band that a report quotes holds the truth, over simulated studies.
 
-Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, and
-of planes in two measures.
+Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, of
+planes in two measures, and of curves updated by damage.
 
 ``python -m archbench.bands FOLDER FILE`` measures the posterior of few runs on the public data
 sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the evidence page.
 """
 
 import sys
+import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +26,7 @@ from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
 from archfrag.fragility.several import left_out, parts_of, ratios
-from archfrag.fragility.verdicts import Brackets, find_brackets
+from archfrag.fragility.verdicts import Brackets, Verdict, find_brackets
 from archfrag.study.designs import Grid, Ida, ask
 
 Array = NDArray[np.float64]
@@ -105,6 +107,10 @@ COVERED = {
         for s in (0.0, 0.2, 0.3)
     },
     **{f"single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
+    **{
+        f"levels of their own, {m} an event": World(45, per_event=m, design="levels")
+        for m in (1, 3)
+    },
 }
 TOGETHER = 0.8  # correlation of ln capacities of two states, or of two arches
 # Two arches, the second with 1.3 times the median capacity, under the same motions.
@@ -127,6 +133,8 @@ PLANES = {
 }
 PLANES["stripes, 30 records, single runs scatter by 0.2"] = World(30, 0.2)
 EXPLAINED = 0.0, 0.15, 0.3
+# Earthquakes, places of each, and arches at each place.
+TOWNS = ((1, 1, 10), (1, 12, 3), (4, 8, 3))
 WIDTH = 0.7  # deviation of ln x1 and ln x2 of unscaled records, and correlation
 ALIKE = 0.7
 RATIO = 1.3
@@ -179,7 +187,10 @@ def coverage_in(name: str, studies: int) -> dict[str, float]:
         verdict = _collapsed(world, np.minimum(collapse, world.state * own), generator)
         if world.design == "ida":
             verdict = _requested(verdict, seed)
-        known = quoted_band(find_brackets(verdict, FINE), im, groups=groups)
+        if world.design == "levels":
+            place = np.arange(world.size)[:, None] % FINE.size
+            verdict = np.where(place == np.arange(FINE.size), verdict, Verdict.NOT_RUN)
+        known = quoted_band(find_brackets(verdict, FINE).packed, im, groups=groups)
         held[:-2] += (known.lower <= P) & (known.upper >= P)
         held[-2] += known.theta_interval[0] <= im[2] <= known.theta_interval[1]
         held[-1] += known.beta_interval[0] <= beta <= known.beta_interval[1]
@@ -249,6 +260,45 @@ def coverage_of_planes(name: str, explained: float, studies: int) -> dict[str, f
         gains = gains + plane.gains
         planes = planes + 1
     return {"band": held / planes, "gain": gains / planes, "plane": planes / studies}
+
+
+def coverage_of_updates(
+    earthquakes: int, places: int, arches: int, studies: int
+) -> dict[str, float]:
+    """Fraction of towns in which 90 % intervals hold theta and beta after damage was seen.
+
+    The truth of each town is drawn from the curve of a study of 8 records. Half of beta^2 is an
+    arch's own; tau is 0.2 and phi 0.3.
+    """
+    generator = np.random.default_rng([SEED, earthquakes, places, arches])
+    capacity = np.exp(DISPERSION * norm.ppf((np.arange(8) + 0.5) / 8))
+    found = find_brackets((capacity[:, None] <= FINE).astype(int), FINE)
+    study = replace(quoted_band(found, FINE), measure="PGA", unit="g")
+    width = np.ptp(np.log(study.theta_interval))
+    held = dict.fromkeys(("theta", "beta", "width"), 0.0)
+    for theta, beta in generator.permutation(np.transpose(study.draws(SEED, studies))):
+        towns = []
+        half = beta / np.sqrt(2.0)
+        for event in range(earthquakes):
+            lon, lat = 0.2 * generator.random((2, places))
+            x, y = 111.195 * np.array([lon, lat])
+            away = np.hypot(x[:, None] - x, y[:, None] - y)
+            root = np.linalg.cholesky(np.exp(-3.0 * away / 11.5))
+            median = np.exp(generator.normal(0.0, 0.5) + np.zeros(places))
+            logs = np.log(median) + 0.2 * generator.standard_normal()
+            logs += np.hypot(0.3, half) * root @ generator.standard_normal(places)
+            own = half * generator.standard_normal((arches, places))
+            states = np.where(logs + own > np.log(theta), "collapsed", "survived")
+            town = {"lon": lon, "lat": lat, "median": median, "event": event}
+            towns += [pd.DataFrame(town | {"state": row}) for row in states]
+        seen = pd.concat(towns).assign(tau=0.2, phi=0.3)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            curve = study.update(seen, beta_model=study.beta / np.sqrt(2.0))
+        held["theta"] += curve.theta_interval[0] <= theta <= curve.theta_interval[1]
+        held["beta"] += curve.beta_interval[0] <= beta <= curve.beta_interval[1]
+        held["width"] += float(np.ptp(np.log(curve.theta_interval)) / width)
+    return {key: value / studies for key, value in held.items()}
 
 
 def _plain(found: Brackets) -> Any:
@@ -344,7 +394,15 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
         head = dict(zip(("runs", "explained", "studies"), key, strict=True))
         drawn.append(head | ({"failed": found} if isinstance(found, str) else found))
-    tables = {"coverage": rows, "ratio": shown, "planes": drawn}
+    number = 5 if bench.quick else 300
+    towns: dict[tuple, tuple] = {(*town, number): (*town, number) for town in TOWNS}
+    updates: list[dict[str, Any]] = []
+    for key, found in bench.run(
+        "bands_updates", coverage_of_updates, towns, LIMIT
+    ).items():
+        head = dict(zip(("earthquakes", "places", "arches", "studies"), key))
+        updates.append(head | ({"failed": found} if isinstance(found, str) else found))
+    tables = {"coverage": rows, "ratio": shown, "planes": drawn, "updates": updates}
     return {name: pd.DataFrame(each) for name, each in tables.items()}
 
 

@@ -192,9 +192,10 @@ PROPERTIES = VARIABLE | {
     "ties.prestress": Property("N"),
     # Largest level of a study or of a hazard curve, by the kind of intensity measure.
     "PGA": Property("m/s2", usual=(0.3, 100.0)),
-    "Sa": Property("m/s2", usual=(0.03, 200.0)),
-    "AvgSA": Property("m/s2", usual=(0.03, 200.0)),
-    "PGV": Property("m/s", usual=(0.02, 20.0)),
+    **dict.fromkeys(
+        ("Sa", "AvgSA", "Sa_avg2", "Sa_avg3"), Property("m/s2", usual=(0.03, 200.0))
+    ),
+    **dict.fromkeys(("PGV", "FIV3"), Property("m/s", usual=(0.02, 20.0))),
     "PGD": Property("m", usual=(0.005, 20.0)),
     "Arias": Property("m/s", usual=(0.02, 2000.0)),
     "CAV": Property("m/s", usual=(0.2, 2000.0)),

@@ -40,6 +40,8 @@ def parsed(text):
         ("OpenQuake", "SA(0.50)", "SA(0.5)", "g", G, ""),
         ("OpenQuake", "RotD50(Sa(0.5))", "SA(0.5)", "g", G, "RotD50 of two horizontal"),
         ("OpenQuake", "AvgSA(0.2,1)", "AvgSA", "g", G, "from 0.2 to 1 s"),
+        ("OpenQuake", "Sa_avg3(1)", "Sa_avg3(1.0)", "g", G, ""),
+        ("OpenQuake", "RotD50(FIV3(0.5))", "FIV3(0.5)", "cm/s", 0.01, "RotD50 of two"),
         ("OpenQuake", "Arias", "IA", "m/s", 1.0, ""),
         ("pelicun", "PGV", "Peak Ground Velocity", "cmps", 0.01, ""),
         ("IN-CORE", "Sa(0.5)", "0.5 Sec Sa", "g", G, ""),
@@ -187,7 +189,19 @@ def compare(found, curves):
 
 
 @pytest.mark.parametrize(
-    "measure", ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "CAV", "Arias"]
+    "measure",
+    [
+        "PGA",
+        "PGV",
+        "PGD",
+        "Sa(0.5)",
+        "AvgSA(0.2,1.0)",
+        "CAV",
+        "Arias",
+        "Sa_avg2(0.5)",
+        "Sa_avg3(0.5)",
+        "FIV3(1)",
+    ],
 )
 def test_parser_of_openquake(tmp_path, measure):
     curves = curve_set(measure)

@@ -5,7 +5,7 @@ import pytest
 
 from archfrag.motions.index import load_index
 from archfrag.motions.read import read_motion
-from archfrag.motions.selection import read_target
+from archfrag.motions.selection import read_targets
 from archfrag.study.hazard import load_hazard
 
 from .helpers import at2_text, put, refused, swapped, wave
@@ -113,7 +113,7 @@ def test_marks_of_encodings_in_formats_with_headers(tmp_path):
 
 def test_a_target_with_any_separator(tmp_path):
     text = "period_s;Sa_g\n0.1;0.5\n0.5;0.3\n"
-    target = read_target(put(tmp_path, text))
+    target = read_targets(put(tmp_path, text))[None]
     np.testing.assert_allclose(np.exp(target.ln_mean), [0.5, 0.3])
     path = put(tmp_path, swapped(text))
-    refused(lambda: read_target(path), "'0,1' has a comma within a number")
+    refused(lambda: read_targets(path)[None], "'0,1' has a comma within a number")

@@ -122,7 +122,9 @@ def test_rotated_spectrum_is_that_of_each_direction(period):
     )
 
 
-@pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "SA(0.3)", "SaAvg(0.2, 1.0)"])
+@pytest.mark.parametrize(
+    "name", ["PGA", "PGV", "Arias", "SA(0.3)", "SaAvg(0.2, 1.0)", "FIV3(0.5)"]
+)
 def test_scaled_motion_has_the_level(name):
     scaled = WAVE.scaled(scale_factor(WAVE, name, 7.0))
     assert measure(scaled, name) == pytest.approx(7.0, rel=1e-9)
@@ -134,7 +136,9 @@ def test_scaled_motion_has_the_level(name):
         (lambda: parse_measure("pga"), ["unknown intensity measure 'pga'", "PGA, PGV"]),
         (lambda: parse_measure("Sa(0)"), ["'Sa(0)'", "1 period"]),
         (lambda: parse_measure("AvgSA(1.0,0.2)"), ["shorter period first"]),
-        (lambda: parse_measure("RotD50(Arias)"), ["PGA, PGV or Sa(T)"]),
+        (lambda: parse_measure("RotD50(RotD100(PGA))"), ["is rotated twice"]),
+        (lambda: parse_measure("FIV3"), ["unknown", "FIV3(T)"]),
+        (lambda: parse_measure("Sa_avg2(0.2,1.0)"), ["needs 1 period"]),
         (lambda: measure(SINE, "RotD50(PGA)"), ["sine", "two horizontal components"]),
         (lambda: scale_factor(STILL, "PGA", 1.0), ["still: PGA of the record is 0"]),
         (lambda: scale_factor(SINE, "D5_95", 5.0), ["'D5_95' does not grow"]),

@@ -9,7 +9,7 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import read_target, select_records, target_of_index
+from archfrag.motions.selection import read_targets, select_records, target_of_index
 from archfrag.motions.target import (
     MODELS,
     conditional_spectrum,
@@ -41,7 +41,7 @@ def test_csv_of_a_conditional_spectrum_is_that_spectrum(tmp_path):
     path.write_text(
         "period_s,Sa_g,sd\n" + "".join(f"{t},{m},{s}\n" for t, m, s in rows)
     )
-    found = read_target(path)
+    found = read_targets(path)[None]
     assert found.conditioning == 1.0
     assert found.ln_mean == pytest.approx(made.ln_mean)
     assert found.covariance == pytest.approx(made.covariance, abs=1e-9)
@@ -184,7 +184,7 @@ def predicted(change, model="CY14", periods=(1.0,)):
 def in_csv(text):
     def read(_, folder):
         (folder / "target.csv").write_text(text)
-        return read_target(folder / "target.csv")
+        return read_targets(folder / "target.csv")[None]
 
     return read
 

@@ -11,7 +11,7 @@ from archfrag.fragility.several import checked_ratios
 from archfrag.motions.formats.columns import parse_columns
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import parse_measure
-from archfrag.motions.selection import read_flatfile, read_target
+from archfrag.motions.selection import read_flatfile, read_targets
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import expand
 from archfrag.study.file.schema import load_study
@@ -71,7 +71,7 @@ def index(column, cell=1):
 
 def target(head):
     Path("target.csv").write_text(f"{head}\n0.5,0.3,0.1\n1.0,0.2,0.1\n")
-    return read_target("target.csv")
+    return read_targets("target.csv")[None]
 
 
 def flatfile(column):

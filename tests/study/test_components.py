@@ -203,10 +203,13 @@ def test_the_cube_states_processing_and_verticals(tmp_path):
 @pytest.mark.parametrize(
     "steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"]
 )
-@pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
+@pytest.mark.parametrize(
+    "name",
+    ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)", "Sa_avg2(0.5)", "FIV3(0.3)"],
+)
 def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
     text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
-    unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
+    unit = {"PGV": "m/s", "Arias": "m/s", "FIV3(0.3)": "m/s"}.get(name, "g")
     text = text.replace("measure: PGA", f'measure: "{name}"').replace(
         "unit: g", f"unit: {unit}"
     )

@@ -273,7 +273,9 @@ def test_ida_asks_for_the_same_runs_whatever_the_order_of_arches_and_records(tmp
         slab,
         replace(ring, entry=ring.entry.model_copy(update={"id": "other"})),
     )
-    records = [SimpleNamespace(id=f"r{number}", factor=1.0) for number in range(24)]
+    records = [
+        SimpleNamespace(id=f"r{number}", factor=1.0, levels=[]) for number in range(24)
+    ]
     border = {
         record.id: place for record, place in zip(records, 2 + 3 * np.arange(24) % 11)
     }

@@ -58,6 +58,8 @@ def test_plain_tables(load):
         ("PGV", "PGV [cm/s]"),
         ("Sa(0.5)", "sa(0.5) (GAL)"),
         ("PGV", "pgv (cm/s)"),
+        ("Sa_avg2(0.5)", "SA_avg2(0.50) [gal]"),
+        ("FIV3(1)", "fiv3(1) [cm/s]"),
     ):
         found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
         np.testing.assert_allclose(found.main.im, [0.1, 1.0])
@@ -68,6 +70,16 @@ def test_plain_tables(load):
     )
     named = load("sa(0.5),rate\n1,1e-2\n2,1e-3\n", measure="Sa(0.5)", unit="g")
     np.testing.assert_allclose(named.main.im, [G, 2 * G])
+
+
+def test_openquake_has_names_and_units_of_averages_and_of_filtered_velocity(load):
+    for measure, unit in (
+        ("Sa_avg2(0.5)", G),
+        ("Sa_avg3(0.5)", G),
+        ("FIV3(0.5)", 0.01),
+    ):
+        found = load(openquake(imt=measure), measure=measure, **SITE)
+        np.testing.assert_allclose(found.main.im, unit * np.array([0.005, 0.1, 0.4]))
 
 
 @pytest.mark.parametrize(

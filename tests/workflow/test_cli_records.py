@@ -9,7 +9,7 @@ from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import read_flatfile
+from archfrag.motions.selection import read_flatfile, target_of_index
 from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
@@ -345,6 +345,41 @@ class TestMeasure:
         files[20].write_text("no record")
         assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")
         assert not (tmp_path / "h.csv").exists()
+
+
+def test_select_for_targets_of_levels_gives_an_index_of_levels(flatfile, tmp_path):
+    out = tmp_path / "selected.csv"
+    target = tmp_path / "targets.csv"
+    target.write_text(
+        "level,period_s,Sa_g,sd\n"
+        + "".join(
+            f"{level},{period},{level * share},{sd}\n"
+            for level in (0.1, 0.4)
+            for period, share, sd in ((0.2, 1.2, 0.3), (0.5, 1.0, 0.0), (1.0, 0.5, 0.3))
+        )
+    )
+    options = ("--target", target, "--count", "4", "--max-scale", "100", "--out", out)
+    found = facts("select", flatfile, *options, "--figure", tmp_path / "spectra.svg")[
+        "levels"
+    ]
+    for level in ("0.1", "0.4"):
+        assert found[level]["target_median_g"][1] == pytest.approx(float(level))
+    entries = load_index(out)
+    for level in (0.1, 0.4):
+        own = {entry.id for entry in entries if level in entry.levels}
+        assert own == {*found[f"{level:g}"]["records"]}
+        assert (tmp_path / f"spectra-{level:g}.svg").exists()
+    rows = out.read_text().splitlines()
+    assert len(rows) == 9
+    assert sum(len(entry.levels) for entry in entries) == 8
+    assert target_of_index(out) is None  # the report has no figure of several targets
+    assert (
+        "level 0.4: 4 records selected of" in done("select", flatfile, *options).stdout
+    )
+    target.write_text(target.read_text().replace("0.4,0.2", "-0.4,0.2"))
+    assert "level -0.4: a level must be a number above 0" in refused(
+        "select", flatfile, *options
+    )
 
 
 def test_select_for_a_scenario_gives_an_index(flatfile, tmp_path):

@@ -1,10 +1,12 @@
 """Options and arguments that contradict each other are refused, and none is passed over."""
 
+import json
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import archfrag as af
@@ -60,6 +62,11 @@ CASES = [
     f"{RISK} --hazard hazard.csv",
     "export small.yaml --format dxf --curve branches",
     "export small.yaml --format scene --limit-state impact",
+    "update small.yaml damage.csv --arch ring --beta-model 0.1 --format csv",
+    "update small.yaml damage.csv --arch none --beta-model 0.1",
+    "update small.yaml damage.csv --beta-model 0.1",
+    "update small.yaml damage.csv --arch ring",
+    "update small.yaml damage.csv --arch ring --beta-model 0.1 --shakemap grid.xml",
     "fit small.yaml --columns intensity=PGA",
     "fit small.yaml --measure PGA",
     "fit small.yaml --confidence 0.9",
@@ -77,6 +84,9 @@ CASES = [
     f"{SELECT} --target target.csv --model CY14",
     f"{SELECT} --target target.csv --target flat.csv",
 ]
+
+
+SHAKEN = "collapsed,{0},0.1,0.1\ncollapsed,{0},0.1,0.1\ncollapsed,{0},0.1,0.1\n"
 
 
 @pytest.mark.parametrize("line", CASES, ids=lambda line: line[-60:])
@@ -103,6 +113,29 @@ def test_arguments_of_methods_are_not_passed_over(place, monkeypatch):
         results.compare("ring", "slab", years=10.0)
     with pytest.raises(InputError, match="cores = 1 and workers = 2"):
         af.Study.from_file("small.yaml").run(cores=1, workers=2)
+
+
+def test_update_prints_and_exports_the_curve_of_after(place, monkeypatch):
+    monkeypatch.chdir(place)
+    results = af.open("small.yaml")
+    name, before = next(iter(results.curves.items()))
+    text = f"state,median [g],tau,phi\n{SHAKEN.format(0.5 * before.theta)}"
+    (place / "damage.csv").write_text(text)
+    options = ["--arch", name, "--beta-model", str(0.5 * before.beta)]
+    told = command("update", "small.yaml", "damage.csv", *options, "--json")
+    theta = json.loads(told.stdout)["collapse"]["theta"]
+    assert theta < before.theta
+    written = ["--format", "nrml-continuous", "--out", "updated"]
+    done = command("update", "small.yaml", "damage.csv", *options, *written)
+    assert done.exit_code == 0, done.output
+    assert "updated by damage of 3 arches in 1 earthquake" in done.stdout
+    after = results.update("damage.csv", name, beta_model=0.5 * before.beta)
+    assert after.curves[name].theta == pytest.approx(theta)
+    assert (
+        f'mean="{theta * np.exp(0.5 * after.curves[name].beta ** 2):.6g}'[:12]
+        in (place / "updated" / "small-fragility-continuous.xml").read_text()
+    )
+    assert af.open("small.yaml").curves[name].theta == before.theta
 
 
 def test_years_hold_with_the_hazard_of_the_study(place, tmp_path):

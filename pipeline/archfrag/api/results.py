@@ -23,10 +23,11 @@ from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
+from archfrag.study.answer.codes import code_table
 from archfrag.study.answer.compare import compare, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
-from archfrag.study.answer.fits import in_unit
+from archfrag.study.answer.fits import in_unit, updated_fits
 from archfrag.study.answer.rates import (
     answer_lines,
     losses_of,
@@ -35,8 +36,9 @@ from archfrag.study.answer.rates import (
     risk_of,
     vulnerability_table,
 )
-from archfrag.study.file.schema import StudyKeys, load_study
+from archfrag.study.file.schema import CodeKeys, StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
+from archfrag.study.keys import at
 from archfrag.study.provenance import (
     CUBE,
     OWNER,
@@ -273,6 +275,47 @@ class Results:
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
         table.attrs.update(facts)
         return table
+
+    def update(self, observed: Any, arch: str | None = None, **given) -> Results:
+        """Return results with the curve of an arch or class after damage that was seen.
+
+        Exports, rates and plots are then those of the updated curve. `observed` and `given` are as
+        for `Curve.update`; `arch` is needed if there are several curves. Runs stay the study's.
+        """
+        return Results(
+            self._study,
+            updated_fits(self._study, self._fitted, observed, arch, **given),
+        )
+
+    def code(
+        self, hazard: Hazards | None = None, *, code: Mapping[str, Any], **given
+    ) -> pd.DataFrame:
+        """Find demand and capacity for the limit states of a building code.
+
+        `code` has the keys of ``report.code``: norm (ntc2018 or eurocode8), probability, and for
+        ntc2018 life and use_class; `hazard` and `given` are as for `risk`. Rows are arches or
+        classes, limit states of the code, and limit states that have a curve; intensities are in
+        the unit of the study, `ratio` is capacity over demand, `rate` a year.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> table = {"PGA [g]": [0.3, 0.4, 0.5, 0.6], "collapsed": [0, 0, 1, 1]}
+        >>> hazard = [[0.05, 0.02], [0.2, 2e-3], [1.0, 1e-4]]
+        >>> results = af.fit({**table, "PGA [g]": [0.3, 0.5, 0.4, 0.6]})
+        >>> rows = results.code(hazard, code={"norm": "eurocode8", "probability": 0.1})
+        >>> rows[["code_state", "return_period"]].values.tolist()
+        [['SD', 475.0], ['NC', 2475.0]]
+        """
+        study = self._study
+        with at("code", code):
+            keys = CodeKeys.model_validate(code)
+        site, years = self._hazard(hazard, **given)
+        fitted = self._fitted
+        quoted = fitted.quoted()
+        risk = risk_of(fitted.cube, quoted, site, years, study.report.confidence)
+        curves = {name: in_unit(each, study.intensity) for name, each in quoted.items()}
+        return code_table(curves, risk, keys)
 
     def losses(
         self,

@@ -30,6 +30,10 @@ COMMANDS = {
     "export": ("answers", "Export a finished study in the formats of other programs."),
     "film": ("answers", "Film one run of a finished study, simulated again."),
     "risk": ("answers", "Find the rate of collapse of a finished STUDY at a site."),
+    "update": (
+        "answers",
+        "Update the curve of a finished STUDY by damage that was seen.",
+    ),
     "info": ("answers", "Describe FILE: a cube, a study file or a folder of results."),
     "open": ("answers", "Open the report of STUDY in the browser."),
     "onset": (

@@ -29,6 +29,7 @@ from archfrag.export.command import export_study, write_vulnerability
 from archfrag.export.scenes import export_arches
 from archfrag.files import Named, number, opened
 from archfrag.report.film import example_of, save_film
+from archfrag.study.answer.fits import in_unit, updated_fits
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
@@ -85,9 +86,9 @@ def export(
 
     The formats scene and dxf need no runs; scene needs the motions, by `archfrag motions`.
 
-    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
-    has one curve, the mean of those of its arches. An arch without a curve is in the tables of
-    runs, records and arches only, and a message states why.
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and averages of Sa in g, PGV in cm/s. A class of
+    arches has one curve, the mean of those of its arches. An arch without a curve is in the tables
+    of runs, records and arches only, and a message states why.
 
     All limit states with a curve are written, and a note names the others and the reason. If the
     curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
@@ -234,6 +235,86 @@ def risk(
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
         raise FitError("no arch has a curve, so there is no rate")
+
+
+@command()
+@with_study(
+    click.argument("damage", type=PATH),
+    option("--arch", str, "Arch or class; needed if there are several.", metavar="ID"),
+    option(
+        "--beta-model",
+        float,
+        "Part of beta that differs from arch to arch; a class of arches knows it.",
+    ),
+    option("--stations", PATH, "CSV of what stations recorded.", metavar="FILE"),
+    option(
+        "--shakemap",
+        PATH,
+        "ShakeMap's grid.xml and uncertainty.xml, for DAMAGE without intensities. Repeatable.",
+        multiple=True,
+        metavar="FILE",
+    ),
+    option(
+        "--length", float, "Distance at which intensities correlate by exp(-3) [km]."
+    ),
+    option("--share", float, "Part of sd^2 that all places of an earthquake share."),
+    option(
+        "--format formats",
+        click.Choice(FORMATS),
+        "Format to export the updated curve in. Repeatable.",
+        multiple=True,
+    ),
+    option("--out", PATH, "Folder for these files.", metavar="FOLDER"),
+    json_option,
+)
+def update(
+    study,
+    damage: Path,
+    arch: str | None,
+    formats: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    **given,
+) -> None:
+    """Update the curve of a finished STUDY by damage that was seen.
+
+    Nothing of the study changes. DAMAGE is a CSV file with
+    a row for each arch: `state` (survived, collapsed or a limit state), `median` intensity in the
+    study's unit, `tau` and `phi` (standard deviations of its ln between and within earthquakes) or
+    `sd` for both; `lon` and `lat` for several places, `event` for several earthquakes. Stations
+    have lon, lat, median, tau, phi, event, and what they `observed`.
+
+    \b
+    Example:
+      archfrag update study.yaml damage.csv --beta-model 0.3
+    """
+    if bool(formats) != bool(out):
+        raise InputError("--format and --out go together; give both or none")
+    before = finished(study)
+    after = updated_fits(study, before, damage, arch, **given)
+    name = next(iter(before.quoted())) if arch is None else arch
+    first, last = (
+        in_unit(each.curves[name], study.intensity) for each in (before, after)
+    )
+    curves = {"before": first, **last.limit_states}
+    files = []
+    if out is not None:
+        made = export_study(study, formats, out, fitted=after)
+        files = [f"{each['format']}: {each['file']}" for each in made["files"]]
+    lines = [f"{word:9} {'  '.join(curve.words())}" for word, curve in curves.items()]
+    lines.append(f"{name}: {last.method}")
+    names = (
+        "theta",
+        "theta_interval",
+        "beta",
+        "beta_interval",
+        "n_independent",
+        "method",
+    )
+    facts = {
+        k: {name: getattr(each, name) for name in names} for k, each in curves.items()
+    }
+    show(facts, "\n".join(lines + files), as_json)
 
 
 _MOST_NAMED = 12  # entries of a list

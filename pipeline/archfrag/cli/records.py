@@ -245,11 +245,12 @@ def _draw(figure: Path, periods: Sequence[float], spectra, bands: Options) -> No
 @click.argument("flatfile", type=PATH)
 @takes(
     option("--out", PATH, "Index to write.", required=True, metavar="INDEX.csv"),
-    option("--count", int, "Number of records.", required=True),
+    option("--count", int, "Number of records (of each level).", required=True),
     option(
         "--target",
         PATH,
-        "Target spectrum: columns period_s, Sa_g and, for its scatter, sd.",
+        "Target spectrum: columns period_s, Sa_g, for its scatter sd, and level if each level of "
+        "a study has its own.",
         metavar="FILE.csv",
     ),
     option("--magnitude", float, "Moment magnitude of a conditional spectrum."),
@@ -274,46 +275,76 @@ def select(
 
     The scaled spectra of the records have the mean and the scatter of the target. The target is
     a file, or a conditional spectrum of an earthquake and a site. The same seed selects the same
-    records. The figure shows target and selected spectra.
+    records. The figure shows target and selected spectra. If the file has targets by level, the
+    index has a column level, and a study runs each record at its levels alone; each level has a
+    figure of its own.
 
     \b
     Example:
       archfrag records select flatfile.csv --out selected.csv --count 30 \\
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
-    check_written(out, selection.target_file(out), figure)
     table = selection.read_flatfile(flatfile)
     names = ("count", "seed", "max_scale", "per_event")
-    target = _target(options, sorted(selection.spectrum_columns(table)))
-    chosen = selection.select_records(
-        table, target, **{name: options[name] for name in names}
-    )
-    chosen.write(out, folder=flatfile.parent)
-    if figure is not None:
-        away = 1.96 * np.array([[-1.0], [0.0], [1.0]])
-        bands = {
-            "selected": chosen.ln_sa.mean(axis=0) + away * np.nan_to_num(chosen.sd),
-            "target": target.ln_mean + away * target.sd,
-        }
-        bands = {f"{name}, 2.5 to 97.5 %": np.exp(rows) for name, rows in bands.items()}
-        _draw(figure, target.periods.tolist(), np.exp(chosen.ln_sa), bands)
-    for caution in chosen.cautions:
-        warn(f"caution: {caution}")
-    facts = chosen.facts()
+    targets = _targets(options, sorted(selection.spectrum_columns(table)))
+    figures = {
+        level: figure and figure.with_stem("-".join([figure.stem, *_digits(level)]))
+        for level in targets
+    }
+    check_written(out, selection.target_file(out), *figures.values())
+    given = {name: options[name] for name in names}
+    selected = {
+        level: selection.select_records(table, target, **given)
+        for level, target in targets.items()
+    }
+    selection.write_selected(selected, out, folder=flatfile.parent)
+    for level, chosen in selected.items():
+        for caution in chosen.cautions:
+            warn(
+                ": ".join(["caution", *map("level {}".format, _digits(level)), caution])
+            )
+        own = figures[level]
+        if own is not None:
+            _draw_selected(own, chosen)
+    every = {level: chosen.facts() for level, chosen in selected.items()}
+    texts = [
+        ": ".join([*map("level {}".format, _digits(level)), _chosen_text(facts)])
+        for level, facts in every.items()
+    ]
+    facts = every.get(None) or {"levels": {f"{at:g}": own for at, own in every.items()}}
+    show(facts, f"{'; '.join(texts)}: {out}", as_json)
+
+
+def _digits(level: float | None) -> list[str]:
+    return [] if level is None else [f"{level:g}"]
+
+
+def _chosen_text(facts: Options) -> str:
+    """Return words on a selection from its facts."""
     median, sd = (
         max(abs(error or 0.0) for error in facts[key])
         for key in ("median_error", "sd_error")
     )
-    show(
-        facts,
-        f"{counted(len(chosen.table), 'record')} selected of {chosen.candidates}: median within "
-        f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}",
-        as_json,
+    return (
+        f"{counted(len(facts['records']), 'record')} selected of {facts['candidates']}: median "
+        f"within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
     )
 
 
-def _target(options: Options, measured: Sequence[float]) -> Target:
-    """Return the target: that of a file, or that of a scenario at `measured` periods.
+def _draw_selected(figure: Path, chosen: selection.Selection) -> None:
+    """Write the spectra of selected records and of their target as SVG."""
+    away = 1.96 * np.array([[-1.0], [0.0], [1.0]])
+    target = chosen.target
+    bands = {
+        "selected": chosen.ln_sa.mean(axis=0) + away * np.nan_to_num(chosen.sd),
+        "target": target.ln_mean + away * target.sd,
+    }
+    bands = {f"{name}, 2.5 to 97.5 %": np.exp(rows) for name, rows in bands.items()}
+    _draw(figure, target.periods.tolist(), np.exp(chosen.ln_sa), bands)
+
+
+def _targets(options: Options, measured: Sequence[float]) -> dict[float | None, Target]:
+    """Return targets by level: those of a file, or one of a scenario at `measured` periods.
 
     InputError if both are given, or if the scenario is incomplete.
     """
@@ -325,7 +356,7 @@ def _target(options: Options, measured: Sequence[float]) -> Target:
                 f"--target and --{named[0]}: a target is a file or a scenario"
             )
         refuse_given("a target of a file has no model", "model")
-        return selection.read_target(options["target"])
+        return selection.read_targets(options["target"])
     missing = [f"--{name}" for name in scenario if name not in named]
     if missing or ("sa" in named) == ("epsilon" in named):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
@@ -334,9 +365,11 @@ def _target(options: Options, measured: Sequence[float]) -> Target:
         )
     rupture = options["magnitude"], options["distance"], options["vs30"]
     level = options["sa"], options["epsilon"]
-    return scenario_target(
-        rupture, options["period"], level, measured, options["model"]
-    )
+    return {
+        None: scenario_target(
+            rupture, options["period"], level, measured, options["model"]
+        )
+    }
 
 
 @records.command()

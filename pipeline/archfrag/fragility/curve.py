@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -257,6 +258,43 @@ class Curve:
         lighter = (each for each in self.states if each.state != self.state)
         states = {each.state: each for each in lighter if each.fitted}
         return states | {self.state: self}
+
+    def update(self, observed: Any, **given) -> Curve:
+        """Return the curve after damage that was seen, with the curves of states that it names.
+
+        Warnings say if damage and curve contradict, or if it is still the curve of before.
+
+        Parameters
+        ----------
+        observed : path or table
+            A row for each arch. `state`: survived, collapsed, or the limit state it reached (name
+            or number). `median` in the unit of the curve; `tau` and `phi`, standard deviations of
+            ln intensity between and within earthquakes, or `sd`, all of it. `lon` and `lat`
+            [degrees] and `event` if there are several. Without places phi is each arch's own.
+        beta_model : float, optional
+            Part of beta that differs from arch to arch; of a class it is known.
+        stations : path or table, optional
+            `lon`, `lat`, `median`, `tau`, `phi`, `event`, and what was `observed`.
+        shakemap : sequence of path, optional
+            ``grid.xml`` and ``uncertainty.xml`` instead of median and sd.
+        length : float, optional
+            Distance at which intensities correlate by exp(-3) [km]; known for PGA and Sa.
+        share : float, optional
+            Part of sd^2 that an earthquake's places have in common.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> curve = af.fit_ida([0.3, 0.35, 0.45, 0.6])
+        >>> seen = {"state": ["collapsed"] * 8 + ["survived"] * 2, "median": 0.3}
+        >>> curve.update(seen | {"tau": 0.4, "phi": 0.0}, beta_model=0.2).theta < curve.theta
+        True
+        """
+        # By name, as that module needs this one.
+        update: Curve = import_module("archfrag.fragility.update").updated(
+            self, observed, **given
+        )
+        return update
 
     def in_unit(self, si: float, measure: str, unit: str) -> Curve:
         """Return the curve in another unit, with all curves that it holds.

@@ -69,20 +69,30 @@ def fit_state_posterior(
 
     points, weight = _sampled(density, *map(np.median, levels))
     log_theta, beta = _of_lesser(points)
-    logs = np.stack([np.log(beta), log_theta])
-    centre = logs @ weight
-    spread = np.sqrt(np.diag(np.cov(logs, aweights=weight)))
+    sizes = levels[1].size, max(1, round(number))
+    return smoothed(np.stack([np.log(beta), log_theta]), weight, sizes)
+
+
+def smoothed(
+    points: FloatArray, weight: FloatArray, sizes: tuple[int, int]
+) -> Posterior:
+    """Return the posterior of weighted points of (ln beta, ln theta), (2, n_point), on a grid.
+
+    `sizes` are as for `gridded`.
+    """
+    centre = points @ weight
+    spread = np.sqrt(np.diag(np.cov(points, aweights=weight)))
     axes = [np.linspace(-_REACH, _REACH, size) for size in _SIZE]
     kernels = [
         np.exp(-0.5 * ((axis[:, None] - z) / _KERNEL) ** 2)
-        for axis, z in zip(axes, (logs - centre[:, None]) / spread[:, None])
+        for axis, z in zip(axes, (points - centre[:, None]) / spread[:, None])
     ]
     rise, run = (c + s * axis for c, s, axis in zip(centre, spread, axes))
     return gridded(
         np.exp(rise),
         np.tile(run, (rise.size, 1)),
         (kernels[0] * weight) @ kernels[1].T,
-        (levels[1].size, max(1, round(number))),
+        sizes,
     )
 
 

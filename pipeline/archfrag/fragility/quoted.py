@@ -190,8 +190,9 @@ def isotonic_curve(
     draws = []
     for k, count in zip(times @ collapses, times @ n):
         at = np.flatnonzero(count)  # a level without runs lies between its neighbours
-        pooled = _pooled(k[at], count[at])
-        draws.append(np.interp(np.arange(levels.size), at, pooled))
+        if at.size:  # else no record that was drawn has a run
+            pooled = _pooled(k[at], count[at])
+            draws.append(np.interp(np.arange(levels.size), at, pooled))
     lower, upper = np.quantile(draws, tails(confidence), axis=0)
     value = _pooled(collapses.sum(axis=0), n.sum(axis=0))
     return {"im": levels, "probability": value, "lower": lower, "upper": upper}

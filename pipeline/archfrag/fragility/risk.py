@@ -116,6 +116,12 @@ class HazardCurve:
             fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
         return np.exp(log_rate - fall)
 
+    def level_of(self, years: ArrayLike) -> FloatArray:
+        """Return the intensities of return periods [years], nan outside the points."""
+        period = np.log(1.0 / self.rate)
+        logs = np.interp(np.log(years), period, np.log(self.im), np.nan, np.nan)
+        return np.exp(logs)
+
     def pieces(self, x: FloatArray) -> Triple:
         """Return the power law at each ln im: ln im of its anchor, ln rate there, exponent."""
         knots = np.log(self.im)

@@ -192,6 +192,8 @@ class Brackets:
     def gaps(self) -> bool:
         """Whether some records were not run at a level at which others were."""
         made = self.verdict != Verdict.NOT_RUN
+        if (self.levels != self.levels[:1]).any() and not self.single:
+            return True
         return not made[made.any(axis=1)][:, made.any(axis=0)].all()
 
     @property
@@ -207,6 +209,22 @@ class Brackets:
         codes[~self.decided & (self.levels < self.lower[:, None])] = Verdict.SURVIVED
         codes[~self.decided & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
         return codes
+
+    @property
+    def packed(self) -> "Brackets":
+        """The brackets with the runs that were made alone, as many columns as a record has most.
+
+        Cells that are left over are not run, at the end of their bracket that is known.
+        """
+        made = self.verdict != Verdict.NOT_RUN
+        width = made.sum(axis=1).max(initial=1)
+        order = np.argsort(~made, axis=1, kind="stable")[:, :width]
+        made, levels, verdict = (
+            np.take_along_axis(each, order, 1)
+            for each in (made, self.levels, self.verdict)
+        )
+        end = np.where(self.lower > 0.0, self.lower, self.upper)[:, None]
+        return replace(self, levels=np.where(made, levels, end), verdict=verdict)
 
     def at_levels(self, filled: bool = False) -> Triple:
         """Return the levels, and which runs collapsed and which are decided.

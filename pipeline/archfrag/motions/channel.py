@@ -80,6 +80,9 @@ class Facts(Mapping[str, Any]):
     accepted: list[str] = field(default_factory=list, hash=False)
     file_sha256: str = ""
     source_sha256: str = ""  # of the file that a study's own file was made of
+    levels: list[float] = field(
+        default_factory=list, hash=False
+    )  # of a study, see index
     pair: str = ""  # equal for the files with the components of one record
     more: Mapping[str, Any] = field(default_factory=dict, hash=False)  # other facts
 

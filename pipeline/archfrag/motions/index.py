@@ -4,7 +4,7 @@ import contextlib
 import os
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -50,16 +50,24 @@ COLUMNS = (
 LARGEST_INDEX = 50_000_000  # [bytes], [characters]
 LONGEST_ID = 255
 _NEEDED = ("id", "file", "unit")
+_OF_LEVEL = ("scale", "selection")  # columns that may differ between rows of a record
 # Type of a number, and the least and largest that is possible.
 _NUMBERS: dict[str, tuple[Any, float, float]] = {
     "Mw": (float, 0.0, 10.0),
     "distance_km": (float, 0.0, 20_040.0),
     "Vs30_mps": (float, 1.0, 1e4),
     "dt_s": (float, 1e-6, 10.0),
+    "level": (float, 1e-9, 1e9),
     **dict.fromkeys(("seed", "event_seed", "site_seed"), (int, -np.inf, np.inf)),
 }
-_STEMS = {"distance": "distance_km", "vs30": "Vs30_mps", "dt": "dt_s", "mw": "Mw"}
-_APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
+_STEMS = {
+    "distance": "distance_km",
+    "vs30": "Vs30_mps",
+    "dt": "dt_s",
+    "mw": "Mw",
+    "level": "level",
+}
+_APART = (*_NEEDED, "sha256", "accept", "accepted", "columns", "level")
 
 
 def goes_with_records(path: Path) -> bool:
@@ -79,6 +87,19 @@ class IndexEntry:
     accept: tuple[Acceptable, ...] = ()
     columns: Columns | None = None
     cautions: tuple[str, ...] = ()
+    levels: tuple[float, ...] = ()  # of the study, at which alone it is run; () for all
+
+    def alike(self, other: "IndexEntry") -> bool:
+        """Tell whether two rows state the same record at different levels."""
+        bare = [
+            (
+                replace(each, levels=(), metadata={}),
+                {k: v for k, v in each.metadata.items() if k not in _OF_LEVEL},
+            )
+            for each in (self, other)
+        ]
+        apart = not {*self.levels} & {*other.levels}
+        return bool(self.levels and other.levels) and apart and bare[0] == bare[1]
 
     @property
     def options(self) -> Named:
@@ -95,7 +116,8 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. Columns ``accept`` and
-    ``columns`` are options of reading. RecordError for a missing or wrong column or value.
+    ``columns`` are options of reading. Rows of one record that differ in ``level`` (and in
+    ``scale`` and ``selection``) are one entry. RecordError for a missing or wrong column or value.
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source
@@ -108,15 +130,21 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if known.casefold() != name.casefold():
             raise RecordError(
                 f"{source}: column {name!r} is not known; write {known}, with numbers in the "
-                "unit that its name states"
+                "unit that its name states (of level: that of the study's levels)"
             )
     entries: dict[str, IndexEntry] = {}
     files: dict[Any, str] = {}
     for line, values in rows:
         place = f"{source}, line {line}"
         entry = _entry(source, place, values)
-        if entry.id in entries:
-            raise RecordError(f"{place}: id {entry.id!r} occurs twice")
+        own = entries.get(entry.id)
+        if own:
+            if not own.alike(entry):
+                raise RecordError(
+                    f"{place}: id {entry.id!r} occurs twice; its rows may differ in level only"
+                )
+            entries[entry.id] = replace(own, levels=(*own.levels, *entry.levels))
+            continue
         component = str(entry.metadata.get("component") or "")
         what = os.path.realpath(entry.path), component, entry.columns
         other = files.setdefault(what, entry.id)
@@ -147,6 +175,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
         metadata[column] = _number(column, text, place) if text else None
         cautions += unusual(column, metadata[column])
     columns = None
+    level = values.get("level")
     if values.get("columns"):
         try:
             columns = parse_columns(values["columns"])
@@ -162,6 +191,7 @@ def _entry(source: Path, place: str, values: dict[str, str]) -> IndexEntry:
         accepted_words(values.get("accept", ""), place),
         columns,
         tuple(cautions),
+        (_number("level", level, place),) if level else (),
     )
 
 
@@ -191,6 +221,7 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
         check_decimals((line, cell) for line, cells in rows for cell in cells)
     except InputError as error:
         raise RecordError(f"{source}: {error}") from None
+    names = ["level" if name.casefold() == "level" else name for name in names]
     return names, [
         (line, dict(zip(names, map(unquoted, cells)))) for line, cells in rows
     ]

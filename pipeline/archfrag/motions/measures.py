@@ -1,9 +1,10 @@
 """Intensity measures of a ground motion, all in SI units.
 
-They are measures of its horizontal component; RotD50 and RotD100 also need the second horizontal
-component. No measure changes the record: filter a raw record first (see `process`), since its
-velocity means nothing as it is. Samples are integrated from rest by the trapezoid rule. Damping
-is 5 %.
+They are measures of its horizontal component. RotD50 and RotD100 of any of them are percentiles
+of it in 180 directions of the horizontal plane, a degree apart, Boore (2010), BSSA 100(4); they
+need the second horizontal component. No measure changes the record: filter a raw record first
+(see `process`), since its velocity means nothing as it is. Samples are integrated from rest by
+the trapezoid rule. Damping is 5 %.
 
 Arias intensity: pi / (2 g) times the integral of the squared acceleration, Arias (1970). CAV:
 integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930. CAVstd: CAV of
@@ -11,8 +12,18 @@ those seconds alone in which the peak is 0.025 g or more, EPRI (1991), TR-100082
 5 to 95 % of the Arias intensity, Trifunac and Brady (1975), BSSA 65(3). HI: integral of the
 pseudo-spectral velocity from 0.1 to 2.5 s in steps of 0.02 s, Housner (1952), "Spectrum
 intensities". AvgSA: geometric mean of Sa at 10 periods, equally spaced in logarithm, Eads, Miranda
-and Lignos (2015), EESD 44(12). RotD50 and RotD100: percentiles over 180 directions of the
-horizontal plane, Boore (2010), BSSA 100(4).
+and Lignos (2015), EESD 44(12). Sa_avg2 and Sa_avg3: geometric mean of Sa at 10 equally spaced
+periods from 0.2 T to 2 T or 3 T, as in Aristeidou, Shahnazaryan and O'Reilly (2024), Soil Dyn.
+Earthquake Eng. 184, whose model OpenQuake has for these names.
+
+FIV3(T): filtered incremental velocity, Davalos and Miranda (2019), EESD 48(12), Eq 3, with alpha
+0.7 and beta 0.85. The acceleration passes once, forwards in time, through a low-pass Butterworth
+filter of second order with corner beta / T, made by the bilinear transform; no filter is needed
+where the corner is not below the Nyquist frequency. From each sample on it is integrated over
+alpha T, as far as the record reaches; its integral is linear between samples. FIV3 is the
+largest of two sums: of the three highest local maxima, and of the three lowest local minima, in
+magnitude. It is 0 if the record is shorter than alpha T. Programs that filter backwards too have
+a filter of fourth order, and smaller values.
 
 Spectra are of linear oscillators under an acceleration that is linear between samples, by the
 recursion of Nigam and Jennings (1969), BSSA 59(2), exact for such a motion. Between two samples
@@ -23,9 +34,12 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.signal
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
@@ -121,19 +135,43 @@ def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
     return total
 
 
-def _average(motion: Shaking, low: float, high: float) -> float:
-    """Return the geometric mean of Sa at 10 periods from `low` to `high` [s]."""
-    values = spectral_acceleration(motion, np.geomspace(low, high, 10))
-    return np.exp(np.log(values).mean()) if values.all() else 0.0
+def _fiv3(
+    motion: Shaking, period: float, alpha: float = 0.7, beta: float = 0.85
+) -> float:
+    """Return FIV3 [m/s] at a period [s]."""
+    filtered = motion.acceleration
+    corner = 2.0 * beta / period * motion.dt
+    if corner < 1.0:
+        filtered = scipy.signal.lfilter(*scipy.signal.butter(2, corner), filtered)
+    velocity = integral(filtered, motion.dt)
+    ends = motion.time + alpha * period
+    ends = ends[ends <= motion.duration]
+    steps = np.interp(ends, motion.time, velocity) - velocity[: ends.size]
+    sums = []
+    for side in (steps, -steps):
+        extremes = np.sort(side[scipy.signal.find_peaks(side)[0]])
+        sums.append(abs(extremes[-3:].sum()))
+    return max(sums)
 
 
-def _velocities(motion: Shaking, periods: Samples) -> Samples:
-    """Return the pseudo-spectral velocity at `periods` [s], shape (n_period,) [m/s]."""
-    return spectral_acceleration(motion, periods) * periods / (2.0 * np.pi)
+def _mean(spectrum: Samples, periods: Samples) -> float:
+    """Return the geometric mean of Sa, (n_period,)."""
+    return np.exp(np.log(spectrum).mean()) if spectrum.all() else 0.0
+
+
+def _intensity(spectrum: Samples, periods: Samples) -> float:
+    """Return the integral over `periods` of the pseudo-spectral velocity of Sa, (n_period,)."""
+    return float(np.trapezoid(spectrum * periods / (2.0 * np.pi), periods))
+
+
+def _multiples(most: float, period: float) -> Samples:
+    return period * np.linspace(0.2, most, 10)
 
 
 # By kind of measure: its SI unit; the power p, if a factor f on the motion multiplies it by f**p,
-# else 0; the number of periods in its name; the function of a motion and these periods.
+# else 0; the number of periods in its name; the function of a motion and these periods. If it is
+# one of a spectrum, this function is one of Sa and of the periods of Sa, and what follows gives
+# the latter by the periods in its name.
 _KINDS: Named = {
     "PGA": ("m/s2", 1, 0, lambda m: peak_of(m.acceleration)),
     "PGV": ("m/s", 1, 0, lambda m: peak_of(integral(m.acceleration, m.dt))),
@@ -152,19 +190,26 @@ _KINDS: Named = {
         lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY),
     ),
     "D5_95": ("s", 0, 0, lambda m: np.diff(arias_times(m, None, (0.05, 0.95)))[0]),
-    "HI": ("m", 1, 0, lambda m: np.trapezoid(_velocities(m, _HOUSNER), _HOUSNER)),
-    "Sa": ("m/s2", 1, 1, lambda m, period: spectral_acceleration(m, period)[0]),
-    "AvgSA": ("m/s2", 1, 2, _average),
+    "HI": ("m", 1, 0, _intensity, lambda: _HOUSNER),
+    "Sa": ("m/s2", 1, 1, lambda spectrum, _: spectrum[0], lambda period: period),
+    "AvgSA": ("m/s2", 1, 2, _mean, lambda low, high: np.geomspace(low, high, 10)),
+    "Sa_avg2": ("m/s2", 1, 1, _mean, partial(_multiples, 2.0)),
+    "Sa_avg3": ("m/s2", 1, 1, _mean, partial(_multiples, 3.0)),
+    "FIV3": ("m/s", 1, 1, _fiv3),
 }
-PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
-_ALLOWED = f"{', '.join(PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
+PLAIN = [name for name, kind in _KINDS.items() if not kind[2]]
+_ALLOWED = (
+    f"{', '.join(PLAIN)}, Sa(T), AvgSA(T1,T2), Sa_avg2(T), Sa_avg3(T), FIV3(T), RotD50() or "
+    "RotD100() of any of these"
+)
 
 
 def parse_measure(name: str) -> Measure:
     """Read the name of an intensity measure; InputError for an unknown name or period.
 
     ``PGA``, ``PGV``, ``PGD``, ``Arias``, ``CAV``, ``CAVstd``, ``D5_95``, ``HI``, ``Sa(0.5)`` or
-    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``.
+    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``Sa_avg2(0.5)``, ``Sa_avg3(0.5)``,
+    ``FIV3(0.5)``, ``RotD50(...)`` and ``RotD100(...)`` of each, such as ``RotD50(Sa(0.5))``.
 
     >>> parse_measure("SaAvg(0.2, 1.0)")
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
@@ -173,12 +218,12 @@ def parse_measure(name: str) -> Measure:
     rotated = re.fullmatch(r"(RotD(?:50|100))\((.*)\)", text)
     if rotated:
         inner = parse_measure(rotated[2])
-        if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
-            raise InputError(f"intensity measure {name!r} must be of PGA, PGV or Sa(T)")
+        if inner.rotated:
+            raise InputError(f"intensity measure {name!r} is rotated twice")
         return inner._replace(rotated=rotated[1])
     word, _, inside = text.partition("(")
     kind = _SPELLINGS.get(word, word)
-    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, peak_of))
+    unit, _, count, *_ = _KINDS.get(kind, ("", 0, 0))
     if not unit or bool(count) != text.endswith(")"):
         raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     try:
@@ -214,21 +259,35 @@ def measure(motion: Shaking, name: str) -> float:
     if they are known not to be at right angles.
     """
     asked = parse_measure(name)
-    if not asked.rotated:
-        return float(_KINDS[asked.kind][3](motion, *asked.periods))
-    place = f"{motion.id or 'motion'}: {name}"
-    if motion.transverse is None:
-        raise InputError(f"{place} needs two horizontal components")
-    check_right_angle(motion.facts, place, "; rotate them to an azimuth first")
-    both = [motion.acceleration, motion.transverse]
-    if asked.kind == "Sa":
-        peaks = _spectrum(both[0] + 1j * both[1], motion.dt, asked.periods, _ANGLES)[0]
+    _, _, _, value, *grid = _KINDS[asked.kind]
+    if not (asked.rotated or grid):
+        return float(value(motion, *asked.periods))
+    ground = motion.acceleration
+    angles = np.zeros(1)
+    if asked.rotated:
+        place = f"{motion.id or 'motion'}: {name}"
+        if motion.transverse is None:
+            raise InputError(f"{place} needs two horizontal components")
+        check_right_angle(motion.facts, place, "; rotate them to an azimuth first")
+        ground = ground + 1j * motion.transverse
+        angles = _ANGLES
+    if grid:
+        periods = grid[0](*asked.periods)
+        spectra = _spectrum(ground, motion.dt, periods, angles)
+        values = [value(spectrum, periods) for spectrum in spectra.T]
     else:
-        if asked.kind == "PGV":
+        both = [ground.real, ground.imag]
+        if (
+            asked.kind == "PGV"
+        ):  # integrated once, for velocities turn as accelerations do
             both = [integral(part, 1.0) * motion.dt for part in both]
-        directions = zip(np.cos(_ANGLES), np.sin(_ANGLES))
-        peaks = [peak_of(both[0] * cos + both[1] * sin) for cos, sin in directions]
-    return float(np.percentile(peaks, float(asked.rotated[4:])))
+            value = _KINDS["PGA"][3]
+        turned = (both[0] * np.cos(a) + both[1] * np.sin(a) for a in angles)
+        alone = replace(motion, vertical=None, transverse=None)
+        values = [
+            value(replace(alone, acceleration=row), *asked.periods) for row in turned
+        ]
+    return float(np.percentile(values, float(asked.rotated[4:] or 50)))
 
 
 def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:

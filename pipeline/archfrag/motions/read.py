@@ -198,6 +198,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         )
     facts = Facts.of({**motion.metadata, **Facts.of(entry.metadata)})
     facts.cautions.extend(entry.cautions)
+    facts.levels.extend(entry.levels)
     return replace(motion, id=entry.id, metadata=facts)
 
 

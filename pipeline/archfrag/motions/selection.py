@@ -8,7 +8,7 @@ are in g here, as in flatfiles and ground-motion models.
 import io
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -185,21 +185,35 @@ def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
     return {float(match[1]): match[0] for match in matches if match}
 
 
-def read_target(path: str | Path) -> Target:
-    """Read a target from a table with the columns ``period_s``, ``Sa_g`` and, if any, ``sd``.
+def read_targets(path: str | Path) -> dict[float | None, Target]:
+    """Read targets from a table with the columns ``period_s``, ``Sa_g`` and, if any, ``sd``.
 
-    `spectrum_target` says what they mean.
+    `spectrum_target` says what they mean. They are by the level in a column ``level``, above 0; a
+    table without it has one target, of the level None.
     """
-    periods, median, sd = _spectrum(path)
-    return spectrum_target(periods, median, sd, str(path))
+    targets: dict[float | None, Target] = {}
+    for level, spectrum in _spectra(path).items():
+        at = "" if level is None else f", level {level:g}"
+        if at and not 0.0 < level < np.inf:  # type: ignore[operator]
+            raise InputError(f"{path}{at}: a level must be a number above 0")
+        periods, median, sd = spectrum
+        targets[level] = spectrum_target(periods, median, sd, f"{path}{at}")
+    return targets
 
 
-def _spectrum(path: str | Path) -> tuple[Samples, ...]:
-    """Read periods [s], median [g] and standard deviation of ln Sa (0 without such a column)."""
+def _spectra(path: str | Path) -> dict[float | None, Samples]:
+    """Read periods [s], median [g] and standard deviation of ln Sa (0 without such a column).
+
+    They are (3, n_period), by the number in the column ``level``; None without it.
+    """
     rows = read_table(path, "the target")
     rows["sd"] = rows.get("sd", 0.0)
     names = ("period_s", "Sa_g", "sd")
-    return tuple(numbers(rows, name, str(path)) for name in names)
+    spectra = np.array([numbers(rows, name, str(path)) for name in names])
+    if "level" not in rows:
+        return {None: spectra}
+    level = numbers(rows, "level", str(path))
+    return {float(one): spectra[:, level == one] for one in np.unique(level)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +280,10 @@ class Selection:
         spectrum. `folder` is what the column ``file`` of the flatfile is relative to. The target
         is written beside the index (`target_file`), for the report of the study.
         """
-        place = Path(os.path.realpath(path))
+        write_selected({None: self}, path, folder)
+
+    def index_rows(self, place: Path, folder: str | Path) -> pd.DataFrame:
+        """Return the rows of an index at `place`; `folder` is as of `write`."""
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
         columns = [*COLUMNS, "station", "accept", "columns"]
@@ -281,9 +298,30 @@ class Selection:
             level = target.median[target.given]
             kind = f"Sa({target.conditioning:g}) = {level:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
-        write_csv(place, [rows])
+        return rows
+
+
+def write_selected(
+    selected: Mapping[float | None, Selection],
+    path: str | Path,
+    folder: str | Path = ".",
+) -> None:
+    """Write the records selected for each level as one index, as `Selection.write` does.
+
+    A record may be there at several levels, which the column ``level`` of index and target has. A
+    study runs each record at its levels alone. The level None has no such column.
+    """
+    place = Path(os.path.realpath(path))
+    tables: list[list[pd.DataFrame]] = [[], []]
+    for level, chosen in selected.items():
+        target = chosen.target
         shown = {"period_s": target.periods, "Sa_g": target.median, "sd": target.sd}
-        write_csv(target_file(place), [pd.DataFrame(shown)], float_format="%.6g")
+        own = {} if level is None else {"level": f"{level:.12g}"}
+        parts = chosen.index_rows(place, folder), pd.DataFrame(shown)
+        for table, part in zip(tables, parts):
+            table.append(part.assign(**own))
+    write_csv(place, [pd.concat(tables[0])])
+    write_csv(target_file(place), [pd.concat(tables[1])], float_format="%.6g")
 
 
 def target_file(index: str | Path) -> Path:
@@ -297,13 +335,15 @@ def target_of_index(
     """Return the target that the records of an index were selected for, and their factors.
 
     The target has the rows periods [s], median [g] and standard deviation of ln Sa, (3, n_period).
-    The factors bring the records to it, by their ids. None if the index has no target.
+    The factors bring the records to it, by their ids. None if the index has no target, or one for
+    each level.
     """
     if index is None or not target_file(index).is_file():
         return None
+    target = _spectra(target_file(index)).get(None)
     rows = load_index(index)
     factors = {row.id: float(row.metadata.get("scale") or np.nan) for row in rows}
-    return np.array(_spectrum(target_file(index))), factors
+    return None if target is None else (target, factors)
 
 
 def select_records(

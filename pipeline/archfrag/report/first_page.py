@@ -120,11 +120,7 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
     """Return the intensities of the site for the return periods of its hazard curve."""
     if inputs.risk is None or isinstance(inputs.risk, str):
         return {}
-    curve = inputs.risk.hazard.main
-    positive = curve.rate > 0.0
-    years = np.log(1.0 / curve.rate[positive])
-    im = np.log(curve.im[positive])
-    found = np.exp(np.interp(np.log(PERIODS), years, im, np.nan, np.nan))
+    found = inputs.risk.hazard.main.level_of(PERIODS)
     levels = zip(PERIODS, (inputs.scale.factor * found).tolist())
     return {f"{period:g}-year": level for period, level in levels if level > 0.0}
 

@@ -23,13 +23,14 @@ from archfrag.physics.status import CollapseMode
 from archfrag.properties import LATER
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
+from archfrag.study.answer.codes import code_table
 from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.answer.tables import runs_table
 from archfrag.study.file.members import shown
-from archfrag.study.file.schema import StudyKeys
+from archfrag.study.file.schema import CodeKeys, StudyKeys
 from archfrag.study.provenance import README, finite, write_text
 from archfrag.study.runs.store import Plan, make_plan
 from archfrag.study.steps import finished, read_timings
@@ -171,6 +172,7 @@ class ReportInputs:
         None  #: level at which the probability is asked for, in the study's unit
     )
     risk: StudyRisk | str | None = None  #: or a text: why there are no rates
+    code: CodeKeys | None = None  #: building code of a table
     #: Result of `target_of_index`.
     target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Keys of all arches that say what is modelled, by name of arch or class.
@@ -259,6 +261,13 @@ class ReportInputs:
             before.any()
         )
 
+    @cached_property
+    def code_rows(self) -> pd.DataFrame | None:
+        """Demand and capacity by the code that was asked for; None if there are no rates."""
+        if self.code is None or not isinstance(self.risk, StudyRisk):
+            return None
+        return code_table(self.quoted, self.risk, self.code)
+
     @property
     def highest(self) -> float:
         """Highest level, in the unit of the scale."""
@@ -287,6 +296,7 @@ def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs
         title=study.title,
         confidence=study.report.confidence,
         at=study.report.at,
+        code=study.report.code,
         risk=attempt(partial(risk_of_study, study, fitted)),
     )
     if table:
@@ -369,7 +379,7 @@ def arch_results(runs: ArchRuns, scale: Scale) -> ArchResults:
         counts=counts,
         known=count_verdicts(runs.filled) if runs.gaps else counts,
         capacities=scale.factor
-        * np.where(brackets.bracketed, brackets.middle, brackets.upper),
+        * np.where(brackets.bracketed | runs.by_level, brackets.middle, brackets.upper),
     )
 
 
@@ -482,8 +492,14 @@ def summary(inputs: ReportInputs) -> Named:
         }
         for name, answer in inputs.classes.items()
     ]
+    code: Named = {}
+    if inputs.code is not None:
+        rows = inputs.code_rows
+        of_code = None if rows is None else rows.to_dict("records")
+        code = {"code": {**inputs.code.model_dump(), "rows": of_code}}
     return finite(
-        {
+        code
+        | {
             "format": "archfrag-summary/2",
             "study": attributes.get("archfrag_study"),
             "title": inputs.title,

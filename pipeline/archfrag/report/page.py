@@ -17,6 +17,7 @@ from markupsafe import Markup, escape
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import OutputError
 from archfrag.files import check_targets, make_folder
+from archfrag.fragility.verdicts import Verdict
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report.curve_figures import (
@@ -144,6 +145,10 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     sections = list[PageSection]()
     if inputs.risk is not None:
         sections.append(PageSection("risk", "Risk", list(_rates(inputs, inputs.risk))))
+    if inputs.code is not None:
+        sections.append(
+            PageSection("code", "In the words of the code", list(_code(inputs)))
+        )
     if len(listed) > 1:
         sections.append(PageSection("all", "All arches", [curves, *_ratios(inputs)]))
     if not inputs.arches:  # runs of another program
@@ -251,6 +256,41 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             ]
         )
     return table("Rates of collapse", heads, rows, "compact")
+
+
+def _code(inputs: ReportInputs) -> Iterator[Any]:
+    """Yield demand and capacity for the limit states of a building code, and their sources."""
+    code = inputs.code
+    rows = inputs.code_rows
+    if code is None or rows is None:
+        return
+    unit = inputs.scale.label
+    ratio = "capacity / demand" + " (ζ_E)" * (code.norm == "ntc2018")
+    heads = [
+        "arch",
+        "limit state",
+        "return period [years]",
+        f"demand, {unit}",
+        "curve of",
+    ]
+    heads += [f"capacity: P ≤ {code.probability:g}, {unit}", ratio, "times a year"]
+    shown = [
+        [
+            name,
+            word,
+            f"{years:,.0f}",
+            measured(demand),
+            state,
+            digits(capacity),
+            measured(ratio, ".2f"),
+            "at least " * bound + rounded(rate),
+        ]
+        for name, word, years, demand, state, _, capacity, ratio, rate, bound in rows.values
+    ]
+    yield table("Demand and capacity", heads, shown, "compact", 2)
+    yield paragraph(TEXTS["code"]["how"] + TEXTS["code"][code.norm], "note")
+    if rows["demand"].isna().any():
+        yield paragraph(TEXTS["code"]["beyond"], "caution")
 
 
 def _ratios(inputs: ReportInputs) -> Iterator[Markup]:
@@ -401,6 +441,10 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
         words = f"scaled to {scale.measure} = {at}, {why}"
     place = {"level": level, "arch": 0}
     chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
+    if next(iter(inputs.fitted.runs.values())).by_level:
+        words += ", of those run at it"
+        made = inputs.cube["verdict"].isel(level=level) != Verdict.NOT_RUN
+        chosen = np.where(made.any("arch"), chosen, np.nan)
     entries = [Entry("records", GREY, "line"), Entry("16 to 84 %", "#b9dcf2")]
     entries.append(Entry("median", BLUE, "line"))
     target, factors = inputs.target or (None, {})

@@ -177,7 +177,8 @@ def _arch_parts(
     yield heading("Checks")
     yield curve
     yield from _fit_test(answer)
-    yield paragraph(f"Design {design.kind}: {design.text}.")
+    asked = "each record at its own levels" if results.runs.by_level else design.text
+    yield paragraph(f"Design {design.kind}: {asked}.")
     if answer.cloud:
         yield paragraph(_cloud(inputs, answer.cloud["logistic"]), "note")
     yield folded("Verdicts by level", _levels(results, answer))

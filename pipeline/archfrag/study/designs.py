@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.files import Named
-from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, IntArray
 from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.keys import Section, check_block
@@ -45,6 +45,9 @@ class Grid:
     unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
     power: float  # a level grows with the factor to the power 1 / `power`
     seed: int = 0  # of the arch, for what a design draws
+    asked: BoolArray | None = (
+        None  # (n_record, n_level), if records have levels of their own
+    )
 
     def __post_init__(self) -> None:
         self.seen = np.full(
@@ -143,16 +146,16 @@ class Design(Section, ABC):
 
 
 class Stripes(Design):
-    """Every record at every level."""
+    """Every record at every level, or at those that an index gives it."""
 
     kind: Literal["stripes"] = "stripes"
     text = "every record at every level"
 
     def requests(self, grid: Grid) -> Requests:
         """Request all runs at once."""
-        verdicts = yield from grid.run(
-            *np.divmod(np.arange(grid.seen.size), grid.levels.size)
-        )
+        asked = grid.seen == Verdict.NOT_RUN if grid.asked is None else grid.asked
+        rows, places = np.nonzero(asked)
+        verdicts = yield from grid.run(rows, places)
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:

@@ -45,6 +45,9 @@ _UNITS = {
     "PGV": "cm/s",
     "PGD": "cm",
     "IA": "m/s",
+    "Sa_avg2": "g",
+    "Sa_avg3": "g",
+    "FIV3": "cm/s",
 }  # of OpenQuake
 # What a file states: its measure and unit, None if not stated, and its curves by name.
 _Stated = tuple[str | None, str | None, list[tuple[str, HazardCurve]]]

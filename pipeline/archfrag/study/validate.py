@@ -24,7 +24,7 @@ from archfrag.simulation.standing import arch_cautions, joints_text
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Member, Members, check_standing, checked
 from archfrag.study.file.motions import pairs_text
-from archfrag.study.file.prepared import PreparedRecord, read_records
+from archfrag.study.file.prepared import PreparedRecord, levels_asked, read_records
 from archfrag.study.file.schema import StudyKeys, study_schema
 from archfrag.study.file.sources import VERTICAL_LEFT, find_sources
 from archfrag.study.hazard import level_cautions, load_hazard
@@ -252,6 +252,9 @@ def check_study(study: StudyKeys) -> Named:
         raise type(errors[0])(several) if errors[1:] else errors[0]
     levels = len(study.intensity.si)
     size, extent = study.design.size(len(records), levels)
+    asked = levels_asked(study, records)
+    if not asked.all():
+        size = int(asked.sum())
     sizes_of = Counter(member.arch_class for member in found)
     for member in found:
         del sizes_of[member.id]

@@ -302,6 +302,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
             "records": list(dict.fromkeys(pairs.values())),
             "before": pairs,
         }
+    own = any(record.levels for record in plan.records)
     count = sum(record.vertical for record in plan.records)
     of = len(plan.records)
     vertical = "used" if count else "not used"
@@ -323,6 +324,7 @@ def attributes(study: StudyKeys, plan: Plan) -> dict[str, str]:
         f"{about.measure}. Wall times and machine are in a log beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_study": study.id,
+        **({"archfrag_levels": "each record at those of its index"} if own else {}),
         **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
         "archfrag_commit": provenance.commit(),
         "archfrag_machine": platform.machine(),

@@ -96,10 +96,10 @@ class ArchRuns:
     def alike(self) -> Names | None:
         """Groups of rows for `quoted_band`; None if there are none.
 
-        They are all groupings, (n_way, n_record), if there are several and the runs are at the
-        study's levels. Else they are `group`, (n_record,).
+        They are all groupings, (n_way, n_record), if there are several and some record has several
+        runs. Else they are `group`, (n_record,).
         """
-        several = len(self.groups) > 1 and self.design.on_levels
+        several = len(self.groups) > 1 and not self.brackets.single
         return np.array([*self.groups.values()]) if several else self.group
 
     @property
@@ -120,7 +120,13 @@ class ArchRuns:
     @cached_property
     def brackets(self) -> Brackets:
         """The brackets of the records' capacities [SI]."""
-        return find_brackets(self.verdict, self.level)
+        found = find_brackets(self.verdict, self.level)
+        return found.packed if self.by_level else found
+
+    @property
+    def by_level(self) -> bool:
+        """Whether an index gave records their levels: those run at a level are its sample."""
+        return self.whole is not None and "archfrag_levels" in self.whole.attrs
 
     @property
     def intact(self) -> bool:
@@ -149,7 +155,7 @@ class ArchRuns:
     @property
     def gaps(self) -> bool:
         """Whether the runs made at a level are no sample of the records."""
-        return self.design.adaptive or self.brackets.gaps
+        return self.design.adaptive or (self.brackets.gaps and not self.by_level)
 
     @property
     def searched(self) -> bool:
@@ -635,9 +641,9 @@ def dispersion_split(runs: ArchRuns, curves: Sequence[Curve], whole: Curve) -> N
     the capacities of all runs. If some records cause no collapse up to the highest level, it
     follows from the curves of maximum likelihood of the arches: without these records, the
     mildest, the capacities left would differ less. The result is empty if runs are not at the
-    study's levels.
+    study's levels, or records have levels of their own.
     """
-    if not runs.design.on_levels:
+    if runs.by_level or not runs.design.on_levels:
         return {}
     capacity = runs.brackets.middle.reshape(len(curves), -1)
     known = ~np.isnan(capacity).any(axis=0)

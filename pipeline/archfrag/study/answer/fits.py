@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -138,6 +139,31 @@ def in_unit(curve: Curve, intensity: Intensity) -> Curve:
     return replace(curve, levels=list(intensity.given))
 
 
+def updated_fits(
+    study: StudyKeys, fitted: Fitted, observed: Any, arch: str | None, **given
+) -> Fitted:
+    """Return the curves of a study, that of an arch or class after damage that was seen.
+
+    `observed` and `given` are as for `Curve.update`, in the unit of the study. InputError unless
+    `arch` has a curve; None is the only one of the study.
+    """
+    known = {name: each for name, each in fitted.curves.items() if each.fitted}
+    name = next(iter(fitted.quoted())) if arch is None else arch
+    if name not in known or (arch is None and len(fitted.quoted()) > 1):
+        raise InputError(
+            f"arch is {arch!r}; name the arch or class: {', '.join(known) or 'none has a curve'}"
+        )
+    asked = study.intensity
+    curve = in_unit(known[name], asked).update(observed, **given)
+    curve = curve.in_unit(1.0 / asked.factor, asked.measure, "")
+    changed = {name: replace(curve, si=1.0, levels=())}
+    arches, classes = (
+        {**of, **changed} if name in of else of
+        for of in (fitted.arches, fitted.classes)
+    )
+    return Fitted(arches, classes, fitted.cube)
+
+
 def fit_lines(study: StudyKeys, fitted: Fitted) -> tuple[list[str], list[str]]:
     """Return aligned lines on the curves of a study, and the cautions on them.
 
@@ -265,9 +291,10 @@ def arch_cautions(
     if not runs.design.on_levels:
         return
     beyond = (runs.survived[:, -1] & ~runs.collapsed.any(axis=1)).sum()
-    if beyond > MOST_SURVIVING * n_record:
+    tried = counts["runs"][-1] if runs.by_level else n_record
+    if beyond > MOST_SURVIVING * tried:
         yield (
-            f"{beyond} of {n_record} records cause no collapse up to {named[-1]}, the highest "
+            f"{beyond} of {tried} records cause no collapse up to {named[-1]}, the highest "
             "level, and a curve beyond it is extrapolated; add higher levels"
         )
     once = np.maximum.accumulate(runs.collapsed, axis=1)

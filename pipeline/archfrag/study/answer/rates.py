@@ -348,6 +348,7 @@ def _on_levels(
     made = runs.verdict != Verdict.NOT_RUN
     if at.ndim == 1:
         # What a bisection left out is as the nearest lower level of the record that was run.
+        made = made | runs.by_level
         source = np.maximum.accumulate(np.where(made, np.arange(at.size), -1), axis=1)
         filled = (source >= 0) & np.take_along_axis(collapsed, source, axis=1)
         codes = np.take_along_axis(code, source, axis=1)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.files import Named, make_folder, relative_path, sha256_of
@@ -39,6 +40,10 @@ COMPARED = (
     "Sa(2)",
     "Sa(3)",
     "AvgSA(0.2,2)",
+    "Sa_avg2(0.5)",
+    "Sa_avg3(0.5)",
+    "FIV3(0.5)",
+    "FIV3(1)",
 )
 _AGAIN = "run `archfrag motions` on the study file"
 
@@ -175,7 +180,48 @@ def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
         return [replace(each, event=events[each.id]) for each in records]
 
     found: list[PreparedRecord] = _sources().following(study.motions, read)
+    levels_asked(study, found)
     return found
+
+
+def levels_asked(
+    study: StudyKeys, records: Sequence[PreparedRecord]
+) -> NDArray[np.bool_]:
+    """Return at which levels of a study each record is run, (n_record, n_level).
+
+    They are those that the study's index gives it, or all. InputError if the design, the levels of
+    the study and those of the index do not agree.
+    """
+    given = np.array(study.intensity.given)
+    asked = np.ones((len(records), given.size), bool)
+    if not any(record.levels for record in records):
+        return asked
+    where = "motions.index: column level"
+    kind = study.design.kind
+    if kind != "stripes":
+        raise InputError(
+            f"{where}: records at levels of their own need design: stripes, not {kind}; change "
+            "design, or leave the column out"
+        )
+    for row, record in zip(asked, records):
+        at = np.isclose(given, np.reshape(record.levels, (-1, 1)), rtol=1e-9, atol=0.0)
+        for level in np.array(record.levels)[~at.any(axis=1)]:
+            raise InputError(
+                f"{where}: {level:.12g} of record {record.id} is none of intensity.levels; add "
+                "it there, or leave the row out"
+            )
+        row[:] = at.any(axis=0)
+        if not row.any():
+            raise InputError(
+                f"{where}: record {record.id} has no level, but others have; give it one, or "
+                "leave it out"
+            )
+    for level in given[~asked.any(axis=0)]:
+        raise InputError(
+            f"intensity.levels: no record has the level {level:.12g} in the column level of "
+            "motions.index; leave the level out, or add records"
+        )
+    return asked
 
 
 def read_manifest(study: StudyKeys) -> Named:

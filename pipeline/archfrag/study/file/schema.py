@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -69,8 +69,8 @@ class Intensity(Section):
     """The levels to which the motions are scaled."""
 
     measure: str
-    """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T) or AvgSA(T1,T2);
-    RotD50() or RotD100() of PGA, PGV or Sa(T)."""
+    """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T), AvgSA(T1,T2),
+    Sa_avg2(T), Sa_avg3(T) or FIV3(T); RotD50() or RotD100() of any of these."""
     unit: str
     """Unit of the levels: of accelerations g, m/s2, cm/s2 or gal, else m/s or cm/s, m or cm."""
     levels: Annotated[
@@ -156,6 +156,27 @@ class LimitStates(Section):
     """Residual displacement over the mean length of the joints."""
 
 
+class CodeKeys(Section):
+    """Limit states of a building code, for a table of demand and capacity."""
+
+    norm: Literal["ntc2018", "eurocode8"]
+    """Code: ntc2018 (SLV and SLC) or eurocode8 (part 3: SD and NC)."""
+    probability: float = Field(gt=0.0, lt=1.0)
+    """Largest probability of the limit state at the capacity; yours, as no code gives it."""
+    life: float = Field(default=50.0, ge=1.0, le=1000.0)
+    """Nominal life V_N of ntc2018 [years]."""
+    use_class: Literal["I", "II", "III", "IV"] = "II"
+    """Class of use of ntc2018."""
+
+    @model_validator(mode="after")
+    def _of_norm(self) -> Self:
+        given = self.model_fields_set & {"life", "use_class"}
+        if self.norm == "eurocode8" and given:
+            text = "is of ntc2018; eurocode8 recommends return periods: leave it out"
+            raise refuse(text, *sorted(given))
+        return self
+
+
 class ReportKeys(Section):
     """What stands on the first page of the report."""
 
@@ -171,6 +192,8 @@ class ReportKeys(Section):
     """Level whose probability of collapse the report gives first, in the study's unit."""
     confidence: float = Field(default=0.9, ge=0.5, lt=1.0)
     """Confidence of all bands and intervals, two-sided."""
+    code: CodeKeys | None = None
+    """Table of demand and capacity in the words of a building code; needs risk."""
 
 
 class RiskKeys(Section):
@@ -240,6 +263,13 @@ class StudyKeys(Section):
             ):
                 text = f"face needs method time_stepping or auto, not {name}"
                 raise refuse(text, f"arches[{place}].joints.model")
+        return self
+
+    @model_validator(mode="after")
+    def _code_has_hazard(self) -> Self:
+        if self.report.code is not None and self.risk is None:
+            text = "needs the hazard of the site for its demand: give risk.hazard, or leave it out"
+            raise refuse(text, "report.code")
         return self
 
     _expanded: tuple[Any, Members] = (None, ())

@@ -29,7 +29,12 @@ from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
 from archfrag.physics.status import Count, Energy, Level, Loss, Peak, Status
 from archfrag.study.designs import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
-from archfrag.study.file.prepared import PreparedRecord, load_prepared, load_record
+from archfrag.study.file.prepared import (
+    PreparedRecord,
+    levels_asked,
+    load_prepared,
+    load_record,
+)
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import digest_of, files_of_code
 
@@ -226,6 +231,7 @@ class Plan:
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         design = self.study.design
+        asked = levels_asked(self.study, self.records)
         requests = {}
         # Records are ordered by their names, so that the order in the study changes nothing.
         turns = [zlib.crc32(record.id.encode()) for record in self.records]
@@ -241,6 +247,7 @@ class Plan:
                     self.unscaled[records],
                     self.power,
                     zlib.crc32(member.id.encode()),
+                    asked[records],
                 )
                 requests[arch] = design.requests(Grid(arch, records, *about))
         return requests
