@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeV
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -41,6 +42,7 @@ from archfrag.simulation.joints import jointed
 from archfrag.simulation.rest import onset
 from archfrag.simulation.springings import move_springing
 from archfrag.study.keys import PathText, Section, at, refuse
+from archfrag.system import DEVICES
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -73,8 +75,22 @@ Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Line = Annotated[list[Pair], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
 Points = List[Pair]
+
+
+def _portable(name: str) -> str:
+    """Return a name by which files are named on every system; refuse one of a device."""
+    if name.endswith(".") or name.split(".")[0].casefold() in DEVICES:
+        raise refuse(
+            "cannot name a file on Windows (devices such as con and nul, or a point at the end); "
+            "choose another"
+        )
+    return name
+
+
 Identifier = Annotated[
-    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)
+    str,
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80),
+    AfterValidator(_portable),
 ]
 
 

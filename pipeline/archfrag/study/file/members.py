@@ -128,11 +128,13 @@ def expand(entries: Sequence[ArchEntry], shocks: Sequence[Any] = ()) -> Members:
         names = dict.fromkeys(each.arch_class for each in new)
         own = (each.id for each in new if entry.table or each.id != each.arch_class)
         for name in (*names, *own):
-            if name in seen:
+            key = name.casefold()  # as some systems see names of files
+            if key in seen:
                 raise InputError(
-                    f"{where}: the id {name!r} already belongs to {seen[name]}"
+                    f"{where}: the id {name!r} already belongs to {seen[key]} (small letters are "
+                    "the same as capitals)"
                 )
-            seen[name] = where
+            seen[key] = where
         found += new
     return tuple(found)
 
