@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import escape
+from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study
@@ -23,7 +24,7 @@ from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
-from archfrag.study.answer.compare import compare, plane_of
+from archfrag.study.answer.compare import compare, part_curves, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import in_unit
@@ -214,6 +215,27 @@ class Results:
                 for part, count in zip(split.categories, split.counts):
                     found[str(name), part] = whole * count / of_all
         return pd.DataFrame(found, fractions.index)
+
+    def part_curves(
+        self, name: str | None = None, im: ArrayLike | None = None
+    ) -> pd.DataFrame:
+        """Tabulate P(the collapse takes a part of a bridge) against intensity, with its band.
+
+        A collapse has one part, the span or pier in which a joint lost contact for good, so that
+        the parts add up to the curve. `name` is an arch or a class, needed if there are several;
+        `im`, (n,), are the levels of the study if not given. Columns are part, im, probability,
+        lower, upper, and collapses, the number of the part in all runs. Parts without a collapse
+        have no rows. InputError if the name is not known.
+        """
+        if name is None:
+            name = self.curve.name
+        if name not in self.curves:
+            raise InputError(
+                f"part_curves: {name!r} has no curve; take one of {', '.join(self.curves)}"
+            )
+        curve = self.curves[name]
+        at = curve.levels if im is None else im
+        return part_curves(self._fitted.runs[name], curve, np.asarray(at, float))
 
     @property
     def capacities(self) -> pd.DataFrame:

@@ -26,7 +26,8 @@ from archfrag.files import Named, check_targets, counted, sha256_of
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
 from archfrag.fragility.several import MOST_CROSSING, above, states_of
-from archfrag.study.answer.curves import Fitted, arch_classes
+from archfrag.study.answer.compare import part_curves
+from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes, runs_of_cube
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
 from archfrag.study.answer.tables import Pieces, about_column, facts_table, runs_table
@@ -303,7 +304,9 @@ def _tables(
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     runs = cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
     tables = {
-        **curve_tables(curves, answers, *units, study.intensity.factor),
+        **curve_tables(
+            curves, answers, *units, study.intensity.factor, runs_of_cube(cube, answers)
+        ),
         "runs": runs_table(runs),
         "records": facts_table(cube, "record"),
         "arches": facts_table(cube, "arch"),
@@ -337,12 +340,17 @@ def write_vulnerability(
 
 
 def curve_tables(
-    curves: CurveSet, answers: Curves, unit: str, si: str, factor: float
+    curves: CurveSet,
+    answers: Curves,
+    unit: str,
+    si: str,
+    factor: float,
+    runs: Mapping[str, ArchRuns],
 ) -> dict[str, Pieces]:
-    """Return tables of the points and the parameters of all curves.
+    """Return tables of the points and the parameters of all curves, and of parts of bridges.
 
     An intensity in `unit` times `factor` is in the unit `si`. Bands are those of the fitted
-    curves, even if a curve was moved.
+    curves, even if a curve was moved. `runs` are those of `answers`.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     percent = f"{100 * next(iter(answers.values())).confidence:g} %"
@@ -398,6 +406,16 @@ def curve_tables(
         "curves": points or [pd.DataFrame()],
         "parameters": [pd.DataFrame(parameters)],
     }
+    labels = {"limit_state": "collapse", "measure": curves.measure, "unit": unit}
+    bridges = [
+        part_curves(own, answers[name], levels).assign(arch=name, **labels)
+        for name, own in runs.items()
+    ]
+    together = pd.concat([each for each in bridges if len(each)] or [pd.DataFrame()])
+    if len(together):
+        frames["parts"] = [
+            together.assign(im=together["im"] / factor, intensity=together["im"])
+        ]
     for name, pieces in frames.items():
         about = {
             column: about_column(text.format(percent=percent), units.get(of, of))

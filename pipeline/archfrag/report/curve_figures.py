@@ -29,6 +29,7 @@ from archfrag.report.svg import (
     panel_below,
     shortened,
 )
+from archfrag.study.answer.compare import part_curves
 from archfrag.study.answer.rates import ArchRisk
 from archfrag.study.hazard import Hazard
 
@@ -264,6 +265,31 @@ def limit_states(
         panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
     medians = _medians(inputs, {stroke.label: fit for stroke, fit in curves.items()})
     return f"Curves of limit states of {name} against {label}. {medians}"
+
+
+@figure
+def part_panel(sheet: Sheet, results: ArchResults, answer: Curve) -> Words | None:
+    """Draw P(a collapse in each part of a bridge) with bands; None if there are no parts."""
+    reach = 1.05 * results.levels.max()
+    table = part_curves(results.runs, answer, np.linspace(0.0, reach, 100))
+    if table.empty:
+        return None
+    strokes = {name: _stroke(name, i) for i, name in enumerate(table["part"].unique())}
+    entries = [*strokes.values(), Entry("all parts", INK, "line")]
+    words = "probability of collapse there"
+    panel = curve_panel(sheet, entries, reach, results.scale.label, words)
+    draw_curve(panel, answer, entries[-1], 1.0, band=False)
+    for name, part in table.groupby("part", sort=False):
+        panel.band(part["im"], part["lower"], part["upper"], strokes[name].colour, 0.2)
+    for name, part in table.groupby("part", sort=False):
+        stroke = strokes[name]
+        panel.line(part["im"], part["probability"], stroke.colour, 1.8, stroke.dash)
+    counts = table.groupby("part", sort=False)["collapses"].first()
+    seen = "; ".join(f"{name} {count}" for name, count in counts.items())
+    caption = TEXTS["part_panel"]["caption"].format(
+        count=len(counts), seen=seen, percent=100 * answer.confidence
+    )
+    return f"Curves of {results.arch} by part", caption
 
 
 @figure
