@@ -154,7 +154,7 @@ class TestCurves:
         about = json.loads(files["tables"].read_text())["tables"]["parts"]
         assert [*about] == [*table]
         page = (path.parent / "out" / "report.html").read_text()
-        assert "probability of collapse there" in page
+        assert "probability there" in page
         assert page.count("Where it falls") == 2  # a ring has one part
 
     def test_what_has_none(self, finished):

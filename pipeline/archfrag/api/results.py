@@ -36,6 +36,7 @@ from archfrag.study.answer.rates import (
     risk_of,
     vulnerability_table,
 )
+from archfrag.study.answer.surface import Surface, surface_of
 from archfrag.study.file.schema import StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.provenance import (
@@ -331,6 +332,19 @@ class Results:
         """
         return plane_of(self._fitted, self._study.intensity, second, arch)
 
+    def surface(self, name: str | None = None) -> Surface:
+        """Return P(collapse | movement of a springing, intensity), with its border.
+
+        The arches of the class `name`, or all arches if it is not given, differ in the spread, the
+        settlement or the rotation of a springing, and in nothing else. At the movement of an arch
+        it is the curve of this arch; between two it is linear. The border is the movement at which
+        the arch falls without an earthquake. InputError if the arches differ in more, FitError if
+        one has no curve.
+        """
+        if self._table:
+            raise InputError("surface: a table has no arches, and so no springings")
+        return surface_of(self._study, self._fitted, name)
+
     def compare(
         self,
         before: str,
@@ -506,8 +520,11 @@ class Results:
         self._check_there()
         path = Path(path)
         single = kind.startswith("nrml")
-        weights = path.with_name(f"{path.stem}-branches.csv")
-        check_targets([path, weights] if single else [])
+        beside = [
+            path.with_name(f"{path.stem}-{end}")
+            for end in ("rdls.json", "branches.csv")
+        ]
+        check_targets([path, *beside] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             raise InputError(
                 f"{path}: {kind} is written into a folder; give the folder, such as "
@@ -521,8 +538,13 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                for target, file in zip((path, weights), files):
-                    write_text(target, file.read_text("utf-8"))
+                for file in files:
+                    target = path
+                    if file != files[0]:
+                        end = file.name.rpartition("-")[2]
+                        target = path.with_name(f"{path.stem}-{end}")
+                    text = file.read_text("utf-8")
+                    write_text(target, text.replace(files[0].name, path.name))
         left = made["left_out"].items()
         messages = [f"no curve of {arch} is exported: {why}" for arch, why in left]
         messages += made["notes"]

@@ -13,6 +13,7 @@ import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
+from archfrag.export.rdls import metadata
 from archfrag.export.writers import (
     Branches,
     Content,
@@ -27,9 +28,11 @@ from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
 from archfrag.fragility.several import MOST_CROSSING, above, states_of
 from archfrag.study.answer.compare import part_curves
-from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes, runs_of_cube
+from archfrag.study.answer.curves import Fitted, arch_classes, runs_of_cube
+from archfrag.study.answer.fits import in_unit
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
+from archfrag.study.answer.surface import surfaces_of
 from archfrag.study.answer.tables import Pieces, about_column, facts_table, runs_table
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
@@ -112,7 +115,9 @@ def export_study(
         )
         content = _texts(curves, formats, messages)
         if "csv" in formats:
-            content += _tables(study, cube, curves, answers)
+            content += _tables(study, fitted, curves, answers)
+        names = [f"{study.id}-{ending}" for _, ending, _ in content]
+        content.append(("rdls", "rdls.json", metadata(study, cube, curves, names)))
         files = write_files(study, folder, content)
     return {
         "folder": str(folder or study.folder / "export"),
@@ -298,14 +303,19 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _tables(
-    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Curves
+    study: StudyKeys, fitted: Fitted, curves: CurveSet, answers: Curves
 ) -> Iterator[Content]:
     """Yield all tables for CSV, and a text in JSON on their columns."""
+    cube = fitted.cube
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     runs = cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
     tables = {
         **curve_tables(
-            curves, answers, *units, study.intensity.factor, runs_of_cube(cube, answers)
+            curves,
+            answers,
+            *units,
+            study.intensity.factor,
+            more_frames(study, fitted, answers),
         ),
         "runs": runs_table(runs),
         "records": facts_table(cube, "record"),
@@ -345,12 +355,12 @@ def curve_tables(
     unit: str,
     si: str,
     factor: float,
-    runs: Mapping[str, ArchRuns],
+    more: Mapping[str, pd.DataFrame],
 ) -> dict[str, Pieces]:
-    """Return tables of the points and the parameters of all curves, and of parts of bridges.
+    """Return tables of the points and the parameters of all curves, and the tables `more`.
 
     An intensity in `unit` times `factor` is in the unit `si`. Bands are those of the fitted
-    curves, even if a curve was moved. `runs` are those of `answers`.
+    curves, even if a curve was moved.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     percent = f"{100 * next(iter(answers.values())).confidence:g} %"
@@ -406,16 +416,7 @@ def curve_tables(
         "curves": points or [pd.DataFrame()],
         "parameters": [pd.DataFrame(parameters)],
     }
-    labels = {"limit_state": "collapse", "measure": curves.measure, "unit": unit}
-    bridges = [
-        part_curves(own, answers[name], levels).assign(arch=name, **labels)
-        for name, own in runs.items()
-    ]
-    together = pd.concat([each for each in bridges if len(each)] or [pd.DataFrame()])
-    if len(together):
-        frames["parts"] = [
-            together.assign(im=together["im"] / factor, intensity=together["im"])
-        ]
+    frames |= {name: [frame] for name, frame in more.items()}
     for name, pieces in frames.items():
         about = {
             column: about_column(text.format(percent=percent), units.get(of, of))
@@ -424,3 +425,30 @@ def curve_tables(
         }
         tables[name] = about, [each.reindex(columns=list(about)) for each in pieces]
     return tables
+
+
+def more_frames(
+    study: StudyKeys, fitted: Fitted, answers: Curves
+) -> dict[str, pd.DataFrame]:
+    """Return the tables of parts of bridges and of surfaces that a study has."""
+    given = study.intensity
+    im = np.linspace(0.0, 1.05 * max(given.given), _POINTS)
+    parts = [
+        part_curves(own, in_unit(answers[name], given), im).assign(arch=name)
+        for name, own in runs_of_cube(fitted.cube, answers).items()
+    ]
+    surfaces = []
+    for name, each in surfaces_of(study, fitted).items():
+        rows = each.to_dataframe(im)
+        rows.columns = pd.Index(["moved", *parts[0].columns[1:5]])
+        ends = np.where(rows["moved"] < 0.0, each.border[0], each.border[-1])
+        surfaces.append(rows.assign(falls_at=ends, arch=name, movement=each.movement))
+    same = {"limit_state": "collapse", "measure": given.measure, "unit": given.unit}
+    found = {"parts": parts, "surface": surfaces}
+    return {
+        key: pd.concat([each for each in tables if len(each)]).assign(
+            intensity=lambda rows: rows["im"] * given.factor, **same
+        )
+        for key, tables in found.items()
+        if any(map(len, tables))
+    }

@@ -76,6 +76,9 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
         falls = curve_figures.part_panel(inputs.results(name), inputs.curves[name])
         parts += _headed("Where they fall", falls)
         parts += _limit_states(inputs, name)
+        if name in inputs.surfaces:
+            parts.append(heading("Movement of a springing, and shaking"))
+            parts.append(curve_figures.surface_panel(inputs.surfaces[name], name))
         panels = curve_figures.theta_panels(inputs, members, name)
         parts += _headed("What θ depends on", panels)
         files = {f"curve-{name}.svg": curves}
