@@ -346,21 +346,6 @@ def plot_spectra(
     return ax
 
 
-def plot_surface(surface, ax: Axes | None = None) -> Axes:
-    """Draw contours of a surface, with points at its arches, and its border."""
-    ax = axes_of(ax, (5.6, 4.2))
-    table = surface.contours([0.05, 0.25, 0.5, 0.75, 0.95])
-    for probability, im in table.items():
-        ax.plot(im, ".-", color=BLUE)
-        ax.annotate(f"{probability:g}", (table.index[-1], im.iloc[-1]), color=INK)
-    for end in filter(np.isfinite, surface.border):
-        ax.axvline(end, color=VERMILION, ls="--", label="falls without an earthquake")
-    one, two = surface.to_dataframe().columns[:2]
-    ax.set(xlabel=one, ylabel=two, ylim=(0.0, None))
-    legend(ax, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    return ax
-
-
 def plot_plane(table, runs: FloatArray, ax: Axes | None = None) -> Axes:
     """Draw contours of a table of probabilities, and the runs.
 

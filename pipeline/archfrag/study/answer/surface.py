@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import Curve, FloatArray, log_intensity, plots
+from archfrag.fragility.curve import Curve, FloatArray, log_intensity
 from archfrag.simulation.springings import springing_path
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import in_unit
@@ -52,7 +52,10 @@ class Surface:
         return np.asarray(ndtr((log_intensity(im) - log_theta) / beta))
 
     def contours(self, probabilities: Sequence[float]) -> pd.DataFrame:
-        """Return the intensities with some probabilities, (n_arch, n), by the arches' movement."""
+        """Return the intensities with some probabilities, (n_arch, n), by the arches' movement.
+
+        ``contours([0.05, 0.5, 0.95]).plot()`` draws them.
+        """
         rows = [each.quantile(probabilities) for each in self.curves]
         index = pd.Index(self.movements, name=self.label)
         return pd.DataFrame(rows, index, list(probabilities))
@@ -65,10 +68,6 @@ class Surface:
         table.insert(0, self.label, movement)
         return table
 
-    def plot(self, ax=None):
-        """Draw contours of the probability, joined by straight lines, and the border."""
-        return plots().plot_surface(self, ax)
-
 
 def surface_of(study: StudyKeys, fitted: Fitted, name: str | None = None) -> Surface:
     """Return the surface of a class of arches, or of all arches of a study.
@@ -80,15 +79,15 @@ def surface_of(study: StudyKeys, fitted: Fitted, name: str | None = None) -> Sur
     moves = [each.entry.springings or _NONE for each in members]
     for key in ("spread", "settlement", "rotation"):
         at = np.array([getattr(each, key) for each in moves])
-        rest = [each.model_copy(update={key: 0.0}) for each in moves]
-        same = [
-            own.entry.model_copy(
-                update={"id": "arch", "vary": None, "springings": each}
-            )
-            for own, each in zip(members, rest)
-        ]
-        kinds = {(repr(each), own.shock) for each, own in zip(same, members)}
-        if len(kinds) == 1 and np.unique(at).size == at.size > 1 and not rest[0].moves:
+        if np.unique(at).size < max(at.size, 2):
+            continue
+        still = [each.model_copy(update={key: 0.0}) for each in moves]
+        plain = {"id": "arch", "vary": None, "springings": still[0]}
+        built = [each.entry.model_copy(update=plain) for each in members]
+        kinds = zip(
+            map(repr, built), map(repr, still), (each.shock for each in members)
+        )
+        if len({*kinds}) == 1 and not still[0].moves:
             break
     else:
         raise InputError(
@@ -101,7 +100,7 @@ def surface_of(study: StudyKeys, fitted: Fitted, name: str | None = None) -> Sur
         if not curve.fitted:
             raise FitError(f"surface: {curve.name} has no curve: {curve.reason}")
     signs = np.unique(np.sign(at[at != 0.0]))
-    border = [falls_at(same[0], key, sign) for sign in signs.tolist()]
+    border = [falls_at(built[0], key, sign) for sign in signs.tolist()]
     return Surface(key, at[order], tuple(curves), tuple(border))
 
 
