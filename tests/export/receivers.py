@@ -1,7 +1,7 @@
 """Probabilities that a receiver's own parser reads from files: RECEIVER, JSON in and out.
 
-Run by the receiver's interpreter. On stdin is a list of [FILE, LEVELS, ...]; LEVELS are intensities
-in its unit: of OpenQuake by id of a function, of pelicun by component, of IN-CORE a list.
+Run by the receiver's interpreter. On stdin is a list of [FILE, LEVELS, ...]; LEVELS are in its
+unit: of OpenQuake by id of a function, of pelicun by component, of IN-CORE a list.
 """
 
 import json

@@ -1,4 +1,6 @@
-"""Curves of parts: shares by a likelihood written once more, their sum, and their bands."""
+"""Curves of parts: shares by hand, their sum, and their bands."""
+
+import math
 
 import numpy as np
 import pytest
@@ -27,31 +29,26 @@ def curve():
 
 
 def test_a_pier_and_a_ring_by_hand(curve):
-    """Of two parts the share is a logistic line of the difference; both are searched on a grid."""
+    """At 0.5 between the levels, and at 0.1 below the least collapse, which is at 0.4."""
     split = split_of(TAKEN)
     np.testing.assert_array_equal(split.counts, [[0, 0, 1, 1], [0, 1, 1, 2]])
-    assert split.n_effective == pytest.approx(6.0**2 / (2**2 + 3**2 + 1**2))
-    found = divide(curve, split, LEVELS, LEVELS)
-    logs = np.log(LEVELS)
-    number = np.array([0, 1, 2, 3])
-    centre = (number * logs).sum() / 6.0
-    width = np.sqrt((number * (logs - centre) ** 2).sum() / 6.0)
-    x = (np.maximum(logs, logs[1]) - centre) / width  # kept below the least collapse
-
-    def loss(line):  # a part has half the difference, with the opposite sign
-        share = 1.0 / (1.0 + np.exp(-(line[0] + line[1] * x)))
-        seen = split.counts[0] * np.log(share) + split.counts[1] * np.log(1.0 - share)
-        return (
-            line[0] ** 2 / 16.0
-            + line[1] ** 2 / 4.0
-            - split.n_effective / 6.0 * seen.sum()
-        )
-
-    a, b = scipy.optimize.minimize(loss, [0.0, 0.0], tol=1e-14).x
-    share = 1.0 / (1.0 + np.exp(-(a + b * x)))
-    np.testing.assert_allclose(
-        found[0], curve(LEVELS) * [share, 1.0 - share], rtol=1e-6
-    )
+    assert split.n_effective == pytest.approx(
+        6.0**2 / (2**2 + 3**2 + 1**2)
+    )  # 2.57 of 3
+    found = divide(curve, split, LEVELS, [0.5, 0.1])
+    for place, near in enumerate((0.5, 0.4)):
+        weights = [
+            math.exp(-((math.log(near / level) / 0.3) ** 2) / 2.0) for level in LEVELS
+        ]
+        pier = (weights[2] + weights[3]) / sum(weights)
+        ring = (weights[1] + weights[2] + 2.0 * weights[3]) / sum(weights)
+        pier, ring = (each * split.n_effective / 3.0 + 0.5 for each in (pier, ring))
+        whole = curve((0.5, 0.1)[place])
+        expected = [whole * pier / (pier + ring), whole * ring / (pier + ring)]
+        np.testing.assert_allclose(found[0, :, place], expected, rtol=1e-12)
+        # The share of the pier has a beta density, and the curve its own; both ends are of both.
+        low = scipy.stats.beta(pier, ring).ppf(0.05) * curve.band(0.5)[0]
+        assert found[1, 0, place] >= low * (near == 0.5)
 
 
 @pytest.mark.parametrize("im", [[0.0], [1e-9, 0.05], [0.2, 0.5, 40.0]])

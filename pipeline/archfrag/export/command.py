@@ -24,7 +24,7 @@ from archfrag.export.writers import (
     write_files,
 )
 from archfrag.files import Named, check_targets, counted, sha256_of
-from archfrag.fragility.curve import Curve
+from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
 from archfrag.fragility.several import MOST_CROSSING, above, states_of
 from archfrag.study.answer.compare import part_curves
@@ -32,7 +32,7 @@ from archfrag.study.answer.curves import Fitted, arch_classes, runs_of_cube
 from archfrag.study.answer.fits import in_unit
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
-from archfrag.study.answer.surface import surfaces_of
+from archfrag.study.answer.surface import Surface, surfaces_of
 from archfrag.study.answer.tables import Pieces, about_column, facts_table, runs_table
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
@@ -437,18 +437,23 @@ def more_frames(
         part_curves(own, in_unit(answers[name], given), im).assign(arch=name)
         for name, own in runs_of_cube(fitted.cube, answers).items()
     ]
-    surfaces = []
-    for name, each in surfaces_of(study, fitted).items():
-        rows = each.to_dataframe(im)
-        rows.columns = pd.Index(["moved", *parts[0].columns[1:5]])
-        ends = np.where(rows["moved"] < 0.0, each.border[0], each.border[-1])
-        surfaces.append(rows.assign(falls_at=ends, arch=name, movement=each.movement))
+    surfaces = [
+        _surface_frame(each, im).assign(arch=name)
+        for name, each in surfaces_of(study, fitted).items()
+    ]
     same = {"limit_state": "collapse", "measure": given.measure, "unit": given.unit}
-    found = {"parts": parts, "surface": surfaces}
     return {
         key: pd.concat([each for each in tables if len(each)]).assign(
             intensity=lambda rows: rows["im"] * given.factor, **same
         )
-        for key, tables in found.items()
+        for key, tables in {"parts": parts, "surface": surfaces}.items()
         if any(map(len, tables))
     }
+
+
+def _surface_frame(surface: Surface, im: FloatArray) -> pd.DataFrame:
+    """Return the table of a surface, with its border in the direction of each movement."""
+    rows = surface.to_dataframe(im)
+    rows.columns = pd.Index(["moved", "im", "probability", "lower", "upper"])
+    ends = np.where(rows["moved"] < 0.0, surface.border[0], surface.border[-1])
+    return rows.assign(falls_at=ends, movement=surface.movement)

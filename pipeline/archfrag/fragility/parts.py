@@ -30,15 +30,22 @@ def divide(
     `split` has the collapses of each part at `levels`, (n_level,); `im`, (n,), are intensities >=
     0 in the same unit. The result is (3, n_part, n); the first row adds up to the curve.
     """
-    number = split.counts.sum(axis=0)
-    logs = np.log(levels)
     x = log_intensity(im)
-    near = np.clip(x, *logs[number > 0][[0, -1]])[:, None]
-    weight = np.exp(-0.5 * ((near - logs) / _WIDTH) ** 2)
-    seen = split.counts @ (weight / weight.sum(axis=1, keepdims=True)).T
-    seen = seen * min(1.0, split.n_effective / number.max()) + 1.0 / len(seen)
+    seen = _near(split, np.log(levels), x)
     draws = np.random.default_rng(_SEED).standard_gamma(seen, (_DRAWS, *seen.shape))
     theta, beta = np.reshape(curve.draws(_SEED, _DRAWS), (2, -1, 1))
     drawn = ndtr((x - np.log(theta)) / beta) / draws.sum(axis=1)
     band = np.quantile(draws * drawn[:, None], tails(curve.confidence), axis=0)
     return np.stack([curve(im) * seen / seen.sum(axis=0), *band])
+
+
+def _near(split: Contributions, logs: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the Dirichlet parameters of the shares at ln im `x`, (n_part, n).
+
+    `logs` are those of the levels.
+    """
+    number = split.counts.sum(axis=0)
+    near = np.clip(x, *logs[number > 0][[0, -1]])[:, None]
+    weight = np.exp(-0.5 * ((near - logs) / _WIDTH) ** 2)
+    seen = split.counts @ (weight / weight.sum(axis=1, keepdims=True)).T
+    return seen * min(1.0, split.n_effective / number.max()) + 1.0 / len(seen)

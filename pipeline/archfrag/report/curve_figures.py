@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from scipy.special import ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray
@@ -303,13 +304,20 @@ def surface_panel(sheet: Sheet, surface: Surface, name: str) -> Words:
     panel = panel_below(sheet, strokes, 300.0, (min(ends), max(ends)), (0.0, reach))
     panel.axis_y(label)
     panel.axis_x(title, 9, grid=True)
-    low, high = zip(*(each.theta_interval for each in surface.curves))
-    panel.band(table.index, low, np.minimum(high, reach), SKY, 0.25)
-    for p, stroke in zip(table, strokes):
-        panel.line(table.index, table[p], stroke.colour)
+    _draw_contours(panel, surface, table, strokes)
     for end in falls:
         panel.line([end, end], [0.0, reach], VERMILION, 1.6, "4 3")
     return f"Surface of {name}: {title}, {label}", TEXTS["surface_panel"]["caption"]
+
+
+def _draw_contours(
+    panel: Panel, surface: Surface, table: pd.DataFrame, strokes: Sequence[Entry]
+) -> None:
+    """Draw a table of contours, and the intervals of the medians."""
+    low, high = zip(*(each.theta_interval for each in surface.curves))
+    panel.band(table.index, low, np.minimum(high, panel.y[1]), SKY, 0.25)
+    for p, stroke in zip(table, strokes):
+        panel.line(table.index, table[p], stroke.colour)
 
 
 @figure

@@ -16,6 +16,7 @@ from archfrag.simulation.springings import springing_path
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import in_unit
 from archfrag.study.file.arches import ArchEntry, Springings
+from archfrag.study.file.members import Member
 from archfrag.study.file.schema import StudyKeys
 
 _NONE = Springings.model_validate({})
@@ -76,18 +77,11 @@ def surface_of(study: StudyKeys, fitted: Fitted, name: str | None = None) -> Sur
     them has no curve.
     """
     members = [each for each in study.members if name in (None, each.arch_class)]
-    moves = [each.entry.springings or _NONE for each in members]
     for key in ("spread", "settlement", "rotation"):
-        at = np.array([getattr(each, key) for each in moves])
-        if np.unique(at).size < max(at.size, 2):
-            continue
-        still = [each.model_copy(update={key: 0.0}) for each in moves]
-        plain = {"id": "arch", "vary": None, "springings": still[0]}
-        built = [each.entry.model_copy(update=plain) for each in members]
-        kinds = zip(
-            map(repr, built), map(repr, still), (each.shock for each in members)
+        at = np.array(
+            [getattr(each.entry.springings or _NONE, key) for each in members]
         )
-        if len({*kinds}) == 1 and not still[0].moves:
+        if np.unique(at).size == at.size > 1 and _only(members, key):
             break
     else:
         raise InputError(
@@ -100,8 +94,18 @@ def surface_of(study: StudyKeys, fitted: Fitted, name: str | None = None) -> Sur
         if not curve.fitted:
             raise FitError(f"surface: {curve.name} has no curve: {curve.reason}")
     signs = np.unique(np.sign(at[at != 0.0]))
-    border = [falls_at(built[0], key, sign) for sign in signs.tolist()]
+    border = [falls_at(members[0].entry, key, sign) for sign in signs.tolist()]
     return Surface(key, at[order], tuple(curves), tuple(border))
+
+
+def _only(members: Sequence[Member], movement: str) -> bool:
+    """Tell whether arches differ in a movement of one springing and in nothing else."""
+    kinds = set()
+    for each in members:
+        still = (each.entry.springings or _NONE).model_copy(update={movement: 0.0})
+        plain = {"id": "arch", "vary": None, "springings": still}
+        kinds.add((repr(each.entry.model_copy(update=plain)), each.shock, still.moves))
+    return len(kinds) == 1 and not kinds.pop()[-1]
 
 
 def surfaces_of(study: StudyKeys, fitted: Fitted) -> dict[str, Surface]:
@@ -117,10 +121,10 @@ def surfaces_of(study: StudyKeys, fitted: Fitted) -> dict[str, Surface]:
 def falls_at(entry: ArchEntry, movement: str, sign: float) -> float:
     """Return the movement at which an arch falls without an earthquake, before it has its ties.
 
-    Of `entry` no springing has moved yet. `sign` is 1 or -1, the direction; the result is +-inf if
-    it does not fall.
+    Where the springings of `entry` have moved does not count. `sign` is 1 or -1, the direction;
+    the result is +-inf if it does not fall.
     """
-    arch = entry.model_copy(update={"ties": None}).build()
+    arch = entry.model_copy(update={"springings": None, "ties": None}).build()
     most = sign * (45.0 if movement == "rotation" else arch.extent.max())
     base = (entry.springings or _NONE).springing
     path = springing_path(arch, springing=base, **{movement: most})
