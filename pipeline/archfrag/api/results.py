@@ -520,11 +520,8 @@ class Results:
         self._check_there()
         path = Path(path)
         single = kind.startswith("nrml")
-        beside = [
-            path.with_name(f"{path.stem}-{end}")
-            for end in ("rdls.json", "branches.csv")
-        ]
-        check_targets([path, *beside] if single else [])
+        ends = ("", "-rdls.json", "-branches.csv")
+        check_targets([_named(path, end) for end in ends] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             raise InputError(
                 f"{path}: {kind} is written into a folder; give the folder, such as "
@@ -539,12 +536,9 @@ class Results:
             if single:
                 make_folder(path.parent)
                 for file in files:
-                    target = path
-                    if file != files[0]:
-                        end = file.name.rpartition("-")[2]
-                        target = path.with_name(f"{path.stem}-{end}")
-                    text = file.read_text("utf-8")
-                    write_text(target, text.replace(files[0].name, path.name))
+                    end = f"-{file.name.rpartition('-')[2]}" if file != files[0] else ""
+                    text = file.read_text("utf-8").replace(files[0].name, path.name)
+                    write_text(_named(path, end), text)
         left = made["left_out"].items()
         messages = [f"no curve of {arch} is exported: {why}" for arch, why in left]
         messages += made["notes"]
@@ -576,3 +570,8 @@ class Results:
         return html_of(self) + "".join(
             f"<p>{escape(each)}</p>" for each in self.cautions
         )
+
+
+def _named(path: Path, end: str) -> Path:
+    """Return the path of a file that goes with `path`, or `path` itself if `end` is empty."""
+    return path.with_name(f"{path.stem}{end}") if end else path

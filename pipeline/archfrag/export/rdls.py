@@ -59,13 +59,17 @@ def _sources(study: StudyKeys, cube: xr.Dataset) -> Iterator[Named]:
     kind = {"type": "dataset", "component": "hazard"}
     if study.risk:
         yield {"id": "hazard curve", "name": Path(study.risk.hazard).name, **kind}
-    terms: Named = {}
-    with suppress(RecordError):  # no index, or it was moved
-        entries = load_index(study.motions.index or "")
-        terms = {each.id: each.metadata.get("terms") for each in entries}
+    terms = _terms(study.motions.index or "")
     names = ("record", "record_file", "record_sha256")
     known = [cube[name].values.tolist() for name in names if name in cube]
     for record, file, digest in zip(*known) if known[2:] else ():
         about = {"id": f"record {record}", "name": file, "license": terms.get(record)}
         about |= {"description": f"Ground motion, SHA-256 {digest}", **kind}
         yield {key: text for key, text in about.items() if text}
+
+
+def _terms(index: str) -> Named:
+    """Return the terms of use of records by id; none without an index, or if it was moved."""
+    with suppress(RecordError):
+        return {each.id: each.metadata.get("terms") for each in load_index(index)}
+    return {}
