@@ -114,6 +114,7 @@ def test_movements_that_vary_are_sampled_and_checked(tmp_path):
         ("id,springings.settlement [cm]\na,3\nb,0\n", "springings.settlement is in m"),
         ("id,springings.sinking\na,3\nb,0\n", "springings.sinking is not a key"),
     ],
+    ids=["beyond the border", "other unit", "no key"],
 )
 def test_wrong_tables_are_refused_before_a_run(tmp_path, rows, message):
     path = study_of(tmp_path, f"  - {{id: set, table: rows.csv, {RING}}}", rows)

@@ -12,7 +12,7 @@ and of the shares.
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr
+from scipy.special import gammaincinv, ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray, log_intensity, tails
 from archfrag.fragility.risk import Contributions
@@ -32,7 +32,8 @@ def divide(
     """
     x = log_intensity(im)
     seen = _near(split, np.log(levels), x)
-    draws = np.random.default_rng(_SEED).standard_gamma(seen, (_DRAWS, *seen.shape))
+    points = np.random.default_rng(_SEED).random((_DRAWS, len(seen), 1))
+    draws = gammaincinv(seen, points)  # of all intensities alike: smooth bands
     theta, beta = np.reshape(curve.draws(_SEED, _DRAWS), (2, -1, 1))
     drawn = ndtr((x - np.log(theta)) / beta) / draws.sum(axis=1)
     band = np.quantile(draws * drawn[:, None], tails(curve.confidence), axis=0)
