@@ -24,7 +24,6 @@ from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
-from archfrag.study.answer.codes import code_table
 from archfrag.study.answer.compare import compare, part_curves, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
@@ -38,6 +37,7 @@ from archfrag.study.answer.rates import (
     vulnerability_table,
 )
 from archfrag.study.answer.surface import Surface, surface_of
+from archfrag.study.answer.tables import code_table
 from archfrag.study.file.schema import CodeKeys, StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.keys import at

@@ -23,13 +23,12 @@ from archfrag.physics.status import CollapseMode
 from archfrag.properties import LATER
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
-from archfrag.study.answer.codes import code_table
 from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
 from archfrag.study.answer.surface import Surface, surfaces_of
-from archfrag.study.answer.tables import runs_table
+from archfrag.study.answer.tables import code_table, runs_table
 from archfrag.study.file.members import shown
 from archfrag.study.file.schema import CodeKeys, StudyKeys
 from archfrag.study.provenance import README, finite, write_text
