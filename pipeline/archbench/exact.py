@@ -7,8 +7,7 @@ from typing import Self
 import numpy as np
 from scipy.optimize import OptimizeResult, bisect, linprog
 
-from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Scene
+from archbench.scene import STANDARD_GRAVITY, Corners, Scene
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(60)
 _NODE = 0.5 * (_NODE + 1.0)

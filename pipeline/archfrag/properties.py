@@ -133,6 +133,9 @@ VARIABLE = {
             "depth": _length(usual=(0.05, 100.0)),
         }.items()
     },
+    "springings.spread": Property("m", -LARGEST, LARGEST),
+    "springings.settlement": Property("m", -LARGEST, LARGEST),
+    "springings.rotation": Property("degrees", -45.0, 45.0),
     # Usual from thick lime mortar to dry joints of hard stone.
     "joints.stiffness": Property(
         "Pa/m", 1e6, 1e15, (1e8, 1e13), each=True, infinite="rigid"

@@ -10,9 +10,8 @@ import pytest
 
 from archbench.adapters import client
 from archbench.adapters.client import NAMES, OtherSolver, SolverFailed
-from archbench.adapters.corners import Corners
 from archbench.adapters.drive import drive
-from archbench.scene import load_scene, scene_names
+from archbench.scene import Corners, load_scene, scene_names
 from archbench.settings import Setting
 from archbench.solve import arch_of, solve
 from archfrag.arch.geometry import cross

@@ -1,11 +1,12 @@
-"""Probabilities that a receiver's own parser reads from a file: RECEIVER FILE LEVELS, JSON out.
+"""Probabilities that a receiver's own parser reads from files: RECEIVER, JSON in and out.
 
-Run by the receiver's interpreter. LEVELS are intensities in its unit: of OpenQuake by id of a
-function, of pelicun by component, of IN-CORE a list.
+Run by the receiver's interpreter. On stdin is a list of [FILE, LEVELS, ...]; LEVELS are in its
+unit: of OpenQuake by id of a function, of pelicun by component, of IN-CORE a list.
 """
 
 import json
 import sys
+from importlib import metadata
 
 
 def openquake(path, levels):
@@ -76,5 +77,10 @@ def pelicun(path, levels, demand):
 
 
 if __name__ == "__main__":
-    read = {"OPENQUAKE": openquake, "INCORE": in_core, "PELICUN": pelicun}[sys.argv[1]]
-    print(json.dumps(read(sys.argv[2], json.loads(sys.argv[3]), *sys.argv[4:])))
+    read, package = {
+        "OPENQUAKE": (openquake, "openquake.engine"),
+        "INCORE": (in_core, "pyincore"),
+        "PELICUN": (pelicun, "pelicun"),
+    }[sys.argv[1]]
+    answers = [read(*each) for each in json.load(sys.stdin)]
+    print(json.dumps({"version": metadata.version(package), "answers": answers}))

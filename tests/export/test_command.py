@@ -42,6 +42,7 @@ FILES = {
     "parameters.csv",
     "records.csv",
     "runs.csv",
+    "rdls.json",
 }
 # As a study stores them, [m/s2]: of motion there is no curve; impact is the rarest of the others,
 # and its curve crosses that of contact lost.
@@ -249,7 +250,7 @@ def test_no_curve_at_all(study):
     with pytest.raises(FitError, match="no curve to export for pelicun: ring: it fell"):
         export_study(study, ["csv", "pelicun"])
     assert not (study.folder / "export").exists()
-    assert len(export_study(study, ["csv"])["files"]) == 6
+    assert len(export_study(study, ["csv"])["files"]) == 7
 
 
 def test_messages_and_json(study, tmp_path):
@@ -264,10 +265,11 @@ def test_messages_and_json(study, tmp_path):
     names = "small-pelicun.csv", "small-pelicun.json"
     assert result.stdout.splitlines() == [
         *(f"pelicun: {tmp_path / 'x' / name}" for name in names),
+        f"rdls: {tmp_path / 'x' / 'small-rdls.json'}",
         "limit states written: 4 (residual, contact_lost, impact, collapse)",
     ]
     facts = json.loads(command(*call, "in-core", "--json").stdout)
-    assert [each["format"] for each in facts["files"]] == ["in-core"]
+    assert [each["format"] for each in facts["files"]] == ["in-core", "rdls"]
     assert list(facts["left_out"]) == ["slab"]
 
 

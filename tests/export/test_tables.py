@@ -114,7 +114,9 @@ def test_points_and_parameters():
         states = [replace(answer, state=state) for state in ("rocking", "damage")]
         answers[name] = replace(answer, states=tuple(states))
     curves = curve_set()
-    points, parameters = tables.curve_tables(curves, answers, "g", "m s-2", G).values()
+    points, parameters = tables.curve_tables(
+        curves, answers, "g", "m s-2", G, {}
+    ).values()
     frame = full(points)
     stated = full(parameters)
     for found in (frame, stated):

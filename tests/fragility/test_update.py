@@ -9,9 +9,9 @@ from scipy.stats import norm
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
+from archfrag.fragility.evidence import evidence
 from archfrag.fragility.observed import damage_of
 from archfrag.fragility.quoted import quoted_band
-from archfrag.fragility.evidence import evidence
 from archfrag.fragility.update import updated
 from archfrag.fragility.verdicts import find_brackets
 

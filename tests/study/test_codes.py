@@ -11,8 +11,8 @@ from archfrag.errors import InputError
 from archfrag.fragility.risk import HazardCurve
 from archfrag.report.inputs import summary
 from archfrag.report.page import render
-from archfrag.study.answer.codes import code_table, return_periods
 from archfrag.study.answer.rates import risk_of
+from archfrag.study.answer.tables import code_table, return_periods
 from archfrag.study.file.schema import CodeKeys
 from archfrag.study.hazard import Hazard
 from tests.report import synthetic

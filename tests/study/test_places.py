@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 import archfrag as af
+from archfrag.errors import InputError
 from archfrag.fragility.verdicts import Verdict
 from archfrag.study.answer.cube import build_cube
 from archfrag.study.answer.curves import runs_of_cube
@@ -113,6 +114,54 @@ def test_fractions_of_parts_add_up_to_those_of_collapses(finished):
             own = (cube.collapse_part == part) & (cube.verdict == Verdict.COLLAPSED)
             mean = own.where(cube.collapsed.notnull()).mean("record")
             np.testing.assert_allclose(column, mean, rtol=1e-14)
+
+
+class TestCurves:
+    """P(a collapse in a part) against intensity."""
+
+    @pytest.mark.parametrize("name", ["viaduct", "long"])
+    def test_they_add_up_to_the_curve_at_every_level(self, finished, name):
+        _, results = finished
+        im = np.linspace(0.0, 3.0, 31)  # far below and above all levels too
+        table = results.part_curves(name, im)
+        parts = table.pivot(index="im", columns="part", values="probability")
+        np.testing.assert_allclose(
+            parts.sum(axis=1), results.curves[name](im), rtol=1e-13, atol=1e-300
+        )
+        assert (table.lower <= table.probability).all()
+        assert (table.probability <= table.upper).all()
+        given = results.part_curves(name)
+        assert given["im"].unique().tolist() == LEVELS
+
+    def test_counts_are_those_of_the_runs(self, finished):
+        path, results = finished
+        runs = pd.read_csv(path.parent / "out" / "runs.csv")
+        own = runs[(runs.arch == "viaduct") & (runs.verdict == "collapsed")]
+        found = results.part_curves("viaduct").groupby("part")["collapses"].first()
+        assert found.to_dict() == own.collapse_part.value_counts().to_dict()
+
+    def test_they_are_exported_and_shown(self, finished, tmp_path):
+        path, results = finished
+        files = {
+            each.stem.rpartition("-")[2]: each for each in results.to_csv(tmp_path)
+        }
+        table = pd.read_csv(files["parts"])
+        assert {*table.arch} == {"viaduct", "long"}
+        own = table[table.arch == "viaduct"]
+        again = results.part_curves("viaduct", own.im.unique())
+        for name in ("probability", "lower", "upper"):
+            np.testing.assert_allclose(own[name], again[name], rtol=1e-9, atol=1e-12)
+        about = json.loads(files["tables"].read_text())["tables"]["parts"]
+        assert [*about] == [*table]
+        page = (path.parent / "out" / "report.html").read_text()
+        assert "probability there" in page
+        assert page.count("Where it falls") == 2  # a ring has one part
+
+    def test_what_has_none(self, finished):
+        _, results = finished
+        assert results.part_curves("ring").empty
+        with pytest.raises(InputError, match="part_curves: 'rings' has no curve; take"):
+            results.part_curves("rings")
 
 
 def test_summary_has_places_and_parts(finished):

@@ -5,8 +5,7 @@ import math
 import mujoco
 import numpy as np
 
-from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Array, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Corners, Scene
 
 VERSION = f"mujoco {mujoco.__version__}"
 ITERATIONS = 100

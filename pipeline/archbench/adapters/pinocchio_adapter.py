@@ -7,8 +7,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.sparse import csc_matrix
 
-from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Array, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Corners, Scene
 
 VERSION = f"pinocchio {pin.__version__}"
 TOLERANCE = 1e-8  # [m/s]: impulses are counted in mean masses

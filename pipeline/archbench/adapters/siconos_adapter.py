@@ -6,8 +6,7 @@ import numpy as np
 import siconos.kernel as sk
 import siconos.numerics as sn
 
-from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Array, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Corners, Scene
 
 VERSION = f"siconos {version('siconos')}"
 TOLERANCE = 1e-6  # stops far short where the default cap of 1,000 holds

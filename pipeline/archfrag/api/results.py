@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import escape
+from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study
@@ -23,8 +24,7 @@ from archfrag.fragility.plane import Plane
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.report.film import example_of
-from archfrag.study.answer.codes import code_table
-from archfrag.study.answer.compare import compare, plane_of
+from archfrag.study.answer.compare import compare, part_curves, plane_of
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.curves import Fitted
 from archfrag.study.answer.fits import in_unit, updated_fits
@@ -36,6 +36,8 @@ from archfrag.study.answer.rates import (
     risk_of,
     vulnerability_table,
 )
+from archfrag.study.answer.surface import Surface, surface_of
+from archfrag.study.answer.tables import code_table
 from archfrag.study.file.schema import CodeKeys, StudyKeys, load_study
 from archfrag.study.hazard import Hazard, hazard_of_table, load_hazard
 from archfrag.study.keys import at
@@ -217,6 +219,27 @@ class Results:
                     found[str(name), part] = whole * count / of_all
         return pd.DataFrame(found, fractions.index)
 
+    def part_curves(
+        self, name: str | None = None, im: ArrayLike | None = None
+    ) -> pd.DataFrame:
+        """Tabulate P(the collapse takes a part of a bridge) against intensity, with its band.
+
+        A collapse has one part, the span or pier in which a joint lost contact for good, so that
+        the parts add up to the curve. `name` is an arch or a class, needed if there are several;
+        `im`, (n,), are the levels of the study if not given. Columns are part, im, probability,
+        lower, upper, and collapses, the number of the part in all runs. Parts without a collapse
+        have no rows. InputError if the name is not known.
+        """
+        if name is None:
+            name = self.curve.name
+        if name not in self.curves:
+            raise InputError(
+                f"part_curves: {name!r} has no curve; take one of {', '.join(self.curves)}"
+            )
+        curve = self.curves[name]
+        at = curve.levels if im is None else im
+        return part_curves(self._fitted.runs[name], curve, np.asarray(at, float))
+
     @property
     def capacities(self) -> pd.DataFrame:
         """Capacity of each record for each arch, and the levels between which it lies.
@@ -351,6 +374,19 @@ class Results:
         earthquakes (records, if these have none), or if both measures say the same.
         """
         return plane_of(self._fitted, self._study.intensity, second, arch)
+
+    def surface(self, name: str | None = None) -> Surface:
+        """Return P(collapse | movement of a springing, intensity), with its border.
+
+        The arches of the class `name`, or all arches if it is not given, differ in the spread, the
+        settlement or the rotation of a springing, and in nothing else. At the movement of an arch
+        it is the curve of this arch; between two it is linear. The border is the movement at which
+        the arch falls without an earthquake. InputError if the arches differ in more, FitError if
+        one has no curve.
+        """
+        if self._table:
+            raise InputError("surface: a table has no arches, and so no springings")
+        return surface_of(self._study, self._fitted, name)
 
     def compare(
         self,
@@ -527,8 +563,8 @@ class Results:
         self._check_there()
         path = Path(path)
         single = kind.startswith("nrml")
-        weights = path.with_name(f"{path.stem}-branches.csv")
-        check_targets([path, weights] if single else [])
+        ends = ("", "-rdls.json", "-branches.csv")
+        check_targets([_named(path, end) for end in ends] if single else [])
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():
             raise InputError(
                 f"{path}: {kind} is written into a folder; give the folder, such as "
@@ -542,8 +578,10 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                for target, file in zip((path, weights), files):
-                    write_text(target, file.read_text("utf-8"))
+                for file in files:
+                    end = f"-{file.name.rpartition('-')[2]}" if file != files[0] else ""
+                    text = file.read_text("utf-8").replace(files[0].name, path.name)
+                    write_text(_named(path, end), text)
         left = made["left_out"].items()
         messages = [f"no curve of {arch} is exported: {why}" for arch, why in left]
         messages += made["notes"]
@@ -575,3 +613,8 @@ class Results:
         return html_of(self) + "".join(
             f"<p>{escape(each)}</p>" for each in self.cautions
         )
+
+
+def _named(path: Path, end: str) -> Path:
+    """Return the path of a file that goes with `path`, or `path` itself if `end` is empty."""
+    return path.with_name(f"{path.stem}{end}") if end else path

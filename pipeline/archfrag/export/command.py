@@ -13,6 +13,7 @@ import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.export import CURVES, FORMATS, writers
+from archfrag.export.rdls import metadata
 from archfrag.export.writers import (
     Branches,
     Content,
@@ -23,12 +24,15 @@ from archfrag.export.writers import (
     write_files,
 )
 from archfrag.files import Named, check_targets, counted, sha256_of
-from archfrag.fragility.curve import Curve
+from archfrag.fragility.curve import Curve, FloatArray
 from archfrag.fragility.risk import HazardCurve, branches_of, collapse_rate, predictive
 from archfrag.fragility.several import MOST_CROSSING, above, states_of
-from archfrag.study.answer.curves import Fitted, arch_classes
+from archfrag.study.answer.compare import part_curves
+from archfrag.study.answer.curves import Fitted, arch_classes, runs_of_cube
+from archfrag.study.answer.fits import in_unit
 from archfrag.study.answer.outside import BLANK
 from archfrag.study.answer.rates import MOST_MEAN, SEED, vulnerability_table
+from archfrag.study.answer.surface import Surface, surfaces_of
 from archfrag.study.answer.tables import Pieces, about_column, facts_table, runs_table
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import StudyKeys
@@ -111,7 +115,9 @@ def export_study(
         )
         content = _texts(curves, formats, messages)
         if "csv" in formats:
-            content += _tables(study, cube, curves, answers)
+            content += _tables(study, fitted, curves, answers)
+        names = [f"{study.id}-{ending}" for _, ending, _ in content]
+        content.append(("rdls", "rdls.json", metadata(study, cube, curves, names)))
         files = write_files(study, folder, content)
     return {
         "folder": str(folder or study.folder / "export"),
@@ -297,13 +303,20 @@ def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
 
 
 def _tables(
-    study: StudyKeys, cube: xr.Dataset, curves: CurveSet, answers: Curves
+    study: StudyKeys, fitted: Fitted, curves: CurveSet, answers: Curves
 ) -> Iterator[Content]:
     """Yield all tables for CSV, and a text in JSON on their columns."""
+    cube = fitted.cube
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     runs = cube.drop_vars([*BLANK]) if "table_sha256" in cube.attrs else cube
     tables = {
-        **curve_tables(curves, answers, *units, study.intensity.factor),
+        **curve_tables(
+            curves,
+            answers,
+            *units,
+            study.intensity.factor,
+            more_frames(study, fitted, answers),
+        ),
         "runs": runs_table(runs),
         "records": facts_table(cube, "record"),
         "arches": facts_table(cube, "arch"),
@@ -337,9 +350,14 @@ def write_vulnerability(
 
 
 def curve_tables(
-    curves: CurveSet, answers: Curves, unit: str, si: str, factor: float
+    curves: CurveSet,
+    answers: Curves,
+    unit: str,
+    si: str,
+    factor: float,
+    more: Mapping[str, pd.DataFrame],
 ) -> dict[str, Pieces]:
-    """Return tables of the points and the parameters of all curves.
+    """Return tables of the points and the parameters of all curves, and the tables `more`.
 
     An intensity in `unit` times `factor` is in the unit `si`. Bands are those of the fitted
     curves, even if a curve was moved.
@@ -398,6 +416,7 @@ def curve_tables(
         "curves": points or [pd.DataFrame()],
         "parameters": [pd.DataFrame(parameters)],
     }
+    frames |= {name: [frame] for name, frame in more.items()}
     for name, pieces in frames.items():
         about = {
             column: about_column(text.format(percent=percent), units.get(of, of))
@@ -406,3 +425,35 @@ def curve_tables(
         }
         tables[name] = about, [each.reindex(columns=list(about)) for each in pieces]
     return tables
+
+
+def more_frames(
+    study: StudyKeys, fitted: Fitted, answers: Curves
+) -> dict[str, pd.DataFrame]:
+    """Return the tables of parts of bridges and of surfaces that a study has."""
+    given = study.intensity
+    im = np.linspace(0.0, 1.05 * max(given.given), _POINTS)
+    parts = [
+        part_curves(own, in_unit(answers[name], given), im).assign(arch=name)
+        for name, own in runs_of_cube(fitted.cube, answers).items()
+    ]
+    surfaces = [
+        _surface_frame(each, im).assign(arch=name)
+        for name, each in surfaces_of(study, fitted).items()
+    ]
+    same = {"limit_state": "collapse", "measure": given.measure, "unit": given.unit}
+    return {
+        key: pd.concat([each for each in tables if len(each)]).assign(
+            intensity=lambda rows: rows["im"] * given.factor, **same
+        )
+        for key, tables in {"parts": parts, "surface": surfaces}.items()
+        if any(map(len, tables))
+    }
+
+
+def _surface_frame(surface: Surface, im: FloatArray) -> pd.DataFrame:
+    """Return the table of a surface, with its border in the direction of each movement."""
+    rows = surface.to_dataframe(im)
+    rows.columns = pd.Index(["moved", "im", "probability", "lower", "upper"])
+    ends = np.where(rows["moved"] < 0.0, surface.border[0], surface.border[-1])
+    return rows.assign(falls_at=ends, movement=surface.movement)

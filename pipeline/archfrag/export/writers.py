@@ -34,6 +34,10 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+_VELOCITY = (
+    "PGV is in cm/s as in OpenQuake 3.26 and later; earlier engines divide the PGV of fields from "
+    "a ShakeMap by 100, so that their losses are wrong; write minimum_engine_version = 3.26"
+)
 Texts = dict[str, str]
 Branches = dict[str, tuple[str, float]]  # arch and weight
 Curves = Mapping[str, Curve]  # by arch or limit state
@@ -146,6 +150,8 @@ def named_measure(receiver: str, measure: str) -> MeasureName:
         )
     name, unit = known[parsed.kind]
     messages = []
+    if (receiver, parsed.kind) == ("OpenQuake", "PGV"):
+        messages.append(_VELOCITY)
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
         messages.append(
@@ -211,6 +217,7 @@ def nrml_vulnerability(points: pd.DataFrame, study: StudyKeys) -> str:
     about = {"assetCategory": "masonry arches", "id": _nrml_id(study.id)}
     model = _add(root, "vulnerabilityModel", **about, lossCategory="structural")
     text = f"Mean loss ratio against {measure} in {imt.unit}; study {study.id}."
+    text += f" Note: {imt.condition}." * bool(imt.condition)
     _add(model, "description", text)
     for arch, rows in points[points["im"] > 0.0].groupby("arch", sort=False):
         function = _add(model, "vulnerabilityFunction", id=str(arch), dist="LN")

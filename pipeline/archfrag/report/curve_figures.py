@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from scipy.special import ndtr
 
 from archfrag.fragility.curve import Curve, FloatArray
@@ -29,7 +30,9 @@ from archfrag.report.svg import (
     panel_below,
     shortened,
 )
+from archfrag.study.answer.compare import part_curves
 from archfrag.study.answer.rates import ArchRisk
+from archfrag.study.answer.surface import Surface
 from archfrag.study.hazard import Hazard
 
 _REACH = 1e-4  # part of the greatest density of the rate at which the axis ends
@@ -264,6 +267,57 @@ def limit_states(
         panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
     medians = _medians(inputs, {stroke.label: fit for stroke, fit in curves.items()})
     return f"Curves of limit states of {name} against {label}. {medians}"
+
+
+@figure
+def part_panel(sheet: Sheet, results: ArchResults, answer: Curve) -> Words | None:
+    """Draw P(a collapse in each part of a bridge) with bands; None if there are no parts."""
+    reach = 1.05 * results.levels.max()
+    table = part_curves(results.runs, answer, np.linspace(0.0, reach, 100))
+    if table.empty:
+        return None
+    strokes = [_stroke(name, i) for i, name in enumerate(table["part"].unique())]
+    whole = Entry("all parts", INK, "line")
+    panel = curve_panel(
+        sheet, [*strokes, whole], reach, results.scale.label, "probability there"
+    )
+    draw_curve(panel, answer, whole, 1.0, band=False)
+    for stroke, (_, part) in zip(strokes, table.groupby("part", sort=False)):
+        panel.band(part["im"], part["lower"], part["upper"], stroke.colour, 0.2)
+        panel.line(part["im"], part["probability"], stroke.colour, 1.8, stroke.dash)
+    caption = TEXTS["part_panel"]["caption"]
+    return (
+        f"Curves of {results.arch} by part",
+        caption.format(count=len(strokes), percent=100 * answer.confidence),
+    )
+
+
+@figure
+def surface_panel(sheet: Sheet, surface: Surface, name: str) -> Words:
+    """Draw contours of P(collapse) against the movement of a springing and the intensity."""
+    table = surface.contours([0.5, 0.05, 0.25, 0.75, 0.95])
+    title, label = surface.to_dataframe().columns[:2]
+    strokes = [_stroke(f"P = {p:g}", i) for i, p in enumerate(table)]
+    falls = [each for each in surface.border if np.isfinite(each)]
+    ends = [*table.index, *falls]
+    reach = table.to_numpy().max()
+    panel = panel_below(sheet, strokes, 300.0, (min(ends), max(ends)), (0.0, reach))
+    panel.axis_y(label)
+    panel.axis_x(title, 9, grid=True)
+    _draw_contours(panel, surface, table, strokes)
+    for end in falls:
+        panel.line([end, end], [0.0, reach], VERMILION, 1.6, "4 3")
+    return f"Surface of {name}: {title}, {label}", TEXTS["surface_panel"]["caption"]
+
+
+def _draw_contours(
+    panel: Panel, surface: Surface, table: pd.DataFrame, strokes: Sequence[Entry]
+) -> None:
+    """Draw a table of contours, and the intervals of the medians."""
+    low, high = zip(*(each.theta_interval for each in surface.curves))
+    panel.band(table.index, low, np.minimum(high, panel.y[1]), SKY, 0.25)
+    for p, stroke in zip(table, strokes):
+        panel.line(table.index, table[p], stroke.colour)
 
 
 @figure

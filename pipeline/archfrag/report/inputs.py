@@ -23,12 +23,12 @@ from archfrag.physics.status import CollapseMode
 from archfrag.properties import LATER
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
-from archfrag.study.answer.codes import code_table
 from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import ArchRuns, Fitted, arch_classes
 from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.rates import StudyRisk, risk_of_study
-from archfrag.study.answer.tables import runs_table
+from archfrag.study.answer.surface import Surface, surfaces_of
+from archfrag.study.answer.tables import code_table, runs_table
 from archfrag.study.file.members import shown
 from archfrag.study.file.schema import CodeKeys, StudyKeys
 from archfrag.study.provenance import README, finite, write_text
@@ -177,6 +177,8 @@ class ReportInputs:
     target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Keys of all arches that say what is modelled, by name of arch or class.
     given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    #: Of classes whose arches differ in the movement of a springing only.
+    surfaces: Mapping[str, Surface] = field(default_factory=dict)
     plan: Plan | None = None  #: plan of the runs, for motions after first shocks
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
@@ -326,6 +328,7 @@ def report_inputs(study: StudyKeys, table: Fitted | None = None) -> ReportInputs
         title=_title(study),
         target=target_of_index(study.motions.index),
         given=given,
+        surfaces=surfaces_of(study, fitted),
         about=about,
     )
 

@@ -73,7 +73,12 @@ def class_sections(inputs: ReportInputs) -> Iterator[PageSection]:
             parts.append(paragraph(f"The parts of β are not known: {split['none']}."))
         elif split:
             parts.append(paragraph(_REMARKS["dispersion"].format(**split)))
+        falls = curve_figures.part_panel(inputs.results(name), inputs.curves[name])
+        parts += _headed("Where they fall", falls)
         parts += _limit_states(inputs, name)
+        if name in inputs.surfaces:
+            parts.append(heading("Movement of a springing, and shaking"))
+            parts.append(curve_figures.surface_panel(inputs.surfaces[name], name))
         panels = curve_figures.theta_panels(inputs, members, name)
         parts += _headed("What θ depends on", panels)
         files = {f"curve-{name}.svg": curves}
@@ -153,6 +158,7 @@ def _arch_parts(
         yield run_figures.fractions(groups, results, base_of(arch))
     else:
         yield paragraph("No run collapsed.")
+    yield from _headed("Where it falls", curve_figures.part_panel(results, answer))
     if place < _MOST_ANIMATED and onset.stands:
         yield from _films(inputs, place, name, None if leads else example)
     yield from _headed("How far it moves", run_figures.ida_curves(results))

@@ -1,19 +1,24 @@
-"""Comparison of two arches or classes under the same motions, and of two measures with one."""
+"""Two arches or classes under the same motions, two measures with one, and parts of a bridge."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.parts import divide
 from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import capacity_posterior, shared_events
 from archfrag.fragility.risk import HazardCurve
 from archfrag.fragility.several import crossing_groups, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
 from archfrag.study.answer.curves import ArchRuns, Fitted, known_measures, runs_of_cube
+from archfrag.study.answer.rates import mechanisms_of
+from archfrag.study.answer.rates import parts_of as parts_of_bridge
 from archfrag.study.file.schema import Intensity
 
 Table = dict[str, dict[str, float]]
@@ -127,6 +132,27 @@ def plane_of(
     return replace(
         best, tests=len(planes), p_value=min(1.0, best.p_value * len(planes))
     )
+
+
+def part_curves(runs: ArchRuns, curve: Curve, im: ArrayLike) -> pd.DataFrame:
+    """Tabulate P(a collapse in each part of a bridge) at intensities `im`, (n,), with its band.
+
+    The columns are part, im, probability, lower, upper and collapses, the number of the part in
+    all runs. `curve` is that of the runs; `im` is in its unit. Parts without a collapse have no
+    rows; there is none if the arch has one part, no curve or no collapse.
+    """
+    heads = ["part", "im", "probability", "lower", "upper", "collapses"]
+    split = parts_of_bridge(runs)
+    if split is None or not curve.fitted:
+        return pd.DataFrame(columns=heads)
+    found = divide(curve, split, mechanisms_of(runs)[0] / curve.si, im)
+    values = np.broadcast_arrays(
+        np.array(split.categories)[:, None],
+        im,
+        *found,
+        split.counts.sum(axis=1)[:, None],
+    )
+    return pd.DataFrame(dict(zip(heads, map(np.ravel, values))))
 
 
 def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:

@@ -175,6 +175,11 @@ class Springings(Section):
     springing: str = "right"
     """Which one has moved; of a bridge the base: left, "pier 1" and so on, or right."""
 
+    @property
+    def moves(self) -> bool:
+        """Whether the springing has moved at all."""
+        return any((self.spread, self.settlement, self.rotation))
+
 
 class TieEntry(Section):
     """A bar that only pulls, in the arch as it stands: after its springings have moved."""
@@ -672,7 +677,7 @@ def _built(entry: ArchEntry) -> "Arch":
     if entry.joints is not None:
         joints |= entry.joints.model_dump(exclude_none=True)
     built = jointed(built, **joints)
-    if entry.springings is not None:
+    if entry.springings and entry.springings.moves:
         built = move_springing(built, **entry.springings.model_dump())
     for tie in entry.ties or ():
         built = built.tied(**tie.model_dump(exclude_none=True))
