@@ -3,87 +3,10 @@
 import os
 import subprocess
 import sys
-import time
 
-import psutil
 import pytest
 
 from archfrag import system
-from archfrag.system import Limited, LimitedError
-
-WORKER = """
-import ctypes, os, sys, time
-from archfrag.system import answer_requests
-
-def answer(request):
-    match request:
-        case "crash":
-            os._exit(3)
-        case "compute":
-            while True:
-                pass
-        case "sleep":
-            open(os.environ["READY"], "w").close()
-            time.sleep(60.0)
-        case "memory":
-            kept = []
-            while True:
-                kept.append(bytearray(2**22))
-        case "error":
-            raise ValueError("refused")
-        case "print":
-            os.write(1, b"noise")
-    return request
-
-answer_requests(answer)
-"""
-
-
-@pytest.fixture
-def worker(tmp_path, monkeypatch):
-    (tmp_path / "worker_of_test.py").write_text(WORKER, encoding="utf-8")
-    places = filter(None, (str(tmp_path), os.environ.get("PYTHONPATH")))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(places))
-    monkeypatch.setenv("READY", str(tmp_path / "ready"))
-    made = Limited("worker_of_test", 2.0, 300 * 2**20)
-    yield made
-    made.close()
-
-
-def test_a_limited_process_answers_one_request_after_another(worker):
-    for request in ("print", 2, ["x"]):
-        assert worker.ask(request) == request
-    with pytest.raises(ValueError, match="refused"):
-        worker.ask("error")
-    assert worker.ask(3) == 3
-
-
-@pytest.mark.parametrize(
-    ("request_", "why"),
-    [
-        ("crash", "it ended in a crash"),
-        ("compute", "more than 2 s of computing"),
-        ("memory", "more than 300 MiB"),
-    ],
-)
-def test_what_ends_a_limited_process_is_told_and_the_next_one_answers(
-    worker, request_, why
-):
-    with pytest.raises(LimitedError, match=why):
-        worker.ask(request_)
-    assert worker.ask("again") == "again"
-
-
-def test_a_limited_process_ends_with_the_one_that_started_it(worker, tmp_path):
-    code = "from archfrag.system import Limited; Limited('worker_of_test', 60, 1e9).ask('sleep')"
-    first = subprocess.Popen([sys.executable, "-c", code])
-    while not (tmp_path / "ready").exists():
-        assert first.poll() is None
-        time.sleep(0.1)
-    (helper,) = psutil.Process(first.pid).children()
-    first.kill()
-    first.wait()
-    assert psutil.wait_procs([helper], timeout=5.0)[1] == []
 
 
 def test_a_file_that_another_program_has_open_is_replaced_once_it_is_closed(

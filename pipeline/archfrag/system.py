@@ -5,8 +5,6 @@ Where a system lacks something (owners of files, pipes that do not block), its p
 
 import contextlib
 import os
-import pickle
-import queue
 import signal
 import socket
 import stat
@@ -18,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import lazy_loader
 
@@ -137,101 +135,6 @@ def start_python(
         stdout=stdout,
         stderr=subprocess.DEVNULL,
     )
-
-
-class LimitedError(Exception):
-    """A limited process has ended before it answered; the message says why."""
-
-
-class Limited:
-    """Another process of this Python, `python -m module`, that answers within limits.
-
-    It starts with the first request, is limited to `seconds` of processor time for each, and to
-    `memory` bytes. `module` calls `answer_requests`.
-    """
-
-    def __init__(self, module: str, seconds: float, memory: float) -> None:
-        self.module = module
-        self.seconds = seconds
-        self.memory = memory
-        self._process: subprocess.Popen[bytes] | None = None
-        self._one_at_a_time = threading.Lock()
-
-    def ask(self, request) -> Any:
-        """Return the answer to a request; LimitedError if the process ends before it answers."""
-        with self._one_at_a_time:
-            if self._process is None:
-                self._process = start_python("-m", self.module, stdout=subprocess.PIPE)
-            return self._asked(request, self._process)
-
-    def _asked(self, request, process: "subprocess.Popen[bytes]") -> Any:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        ended = [""]
-        begun = _seconds_of(process)
-
-        def check() -> None:
-            with contextlib.suppress(psutil.Error):
-                if _seconds_of(process) - begun > self.seconds:
-                    ended[0] = f"it took more than {self.seconds:g} s of computing"
-                elif psutil.Process(process.pid).memory_info().rss > self.memory:
-                    ended[0] = f"it took more than {self.memory / 2**20:.0f} MiB"
-                if ended[0]:
-                    process.kill()
-
-        try:
-            with every(CHECKED, check):
-                pickle.dump(request, process.stdin)
-                process.stdin.flush()
-                answer = pickle.load(process.stdout)
-        except (EOFError, OSError, pickle.UnpicklingError):
-            self.close()
-            raise LimitedError(ended[0] or "it ended in a crash") from None
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    def close(self) -> None:
-        """End the process, if it was started."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.communicate()
-
-
-def _seconds_of(process: "subprocess.Popen[bytes]") -> float:
-    """Return the processor time of another process [s]; that of one that has ended is 0."""
-    with contextlib.suppress(psutil.Error):
-        return sum(psutil.Process(process.pid).cpu_times()[:2])
-    return 0.0
-
-
-def answer_requests(answer: Callable[[Any], Any]) -> None:
-    """Answer the requests to this process of `Limited` until its parent ends.
-
-    An error is an answer too: the parent raises it. The parent does not get what code in C prints.
-    """
-    requests = os.fdopen(os.dup(0), "rb")
-    answers = os.fdopen(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):
-        os.dup2(nothing, stream)
-    todo = queue.SimpleQueue[Any]()
-
-    def receive() -> None:
-        with contextlib.suppress(EOFError):
-            while True:
-                todo.put(pickle.load(requests))
-        os._exit(0)
-
-    threading.Thread(target=receive, daemon=True).start()
-    while True:
-        try:
-            answered = answer(todo.get())
-        except Exception as error:
-            answered = error
-        pickle.dump(answered, answers)
-        answers.flush()
 
 
 def end_with_input() -> None:

@@ -1,7 +1,7 @@
 """Take away from archfrag what Windows does not have, in this process and in those it starts.
 
-`pytest --as-elsewhere` puts this folder first in PYTHONPATH. Only modules of archfrag meet the other
-system; pytest and other libraries go on as before. What it takes away:
+`pytest --as-elsewhere` puts this folder first in PYTHONPATH. Only modules of archfrag meet the
+other system; pytest and other libraries go on as before. What it takes away:
 
 - the modules fcntl, resource, pwd, grp and termios;
 - of os: fork, getuid, killpg, mkfifo, O_NONBLOCK, O_NOFOLLOW, register_at_fork, set_blocking;
@@ -26,14 +26,41 @@ import sys
 import types
 
 GONE = {
-    "os": (
-        "fork getuid geteuid killpg mkfifo O_NONBLOCK O_NOFOLLOW register_at_fork set_blocking "
-        "statvfs uname sysconf getpgid setsid WNOHANG"
-    ).split(),
-    "signal": (
-        "SIGHUP SIGKILL SIGPROF SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT setitimer "
-        "ITIMER_PROF alarm pthread_sigmask"
-    ).split(),
+    "os": {
+        *[
+            "fork",
+            "getuid",
+            "geteuid",
+            "killpg",
+            "mkfifo",
+            "O_NONBLOCK",
+            "O_NOFOLLOW",
+            "register_at_fork",
+        ],
+        *[
+            "set_blocking",
+            "statvfs",
+            "uname",
+            "sysconf",
+            "getpgid",
+            "setsid",
+            "WNOHANG",
+        ],
+    },
+    "signal": {
+        *[
+            "SIGHUP",
+            "SIGKILL",
+            "SIGPROF",
+            "SIGALRM",
+            "SIGUSR1",
+            "SIGUSR2",
+            "SIGCHLD",
+            "SIGPIPE",
+            "SIGQUIT",
+        ],
+        *["setitimer", "ITIMER_PROF", "alarm", "pthread_sigmask"],
+    },
 }
 MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog")
 DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?")

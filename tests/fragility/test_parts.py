@@ -7,9 +7,9 @@ import pytest
 import scipy
 
 from archfrag.fragility.fit import fit_ida
-from archfrag.fragility.parts import divide
 from archfrag.fragility.quoted import quoted_band
 from archfrag.fragility.risk import contributions
+from archfrag.fragility.several import divide
 from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.array([0.2, 0.4, 0.6, 0.8])

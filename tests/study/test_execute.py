@@ -268,9 +268,9 @@ def test_a_file_system_without_locks_has_one_run_at_a_time_too(copied, monkeypat
     with (
         only_run(copied.study),
         pytest.raises(OutputError, match="another run of study"),
+        only_run(copied.study),
     ):
-        with only_run(copied.study):
-            pass
+        pass
     with only_run(copied.study):
         pass
 

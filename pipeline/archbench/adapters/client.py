@@ -47,7 +47,7 @@ class OtherSolver:
     def _start(self) -> subprocess.Popen:
         reasons = []
         for python in _interpreters(self.name):
-            worker = [python, str(Path(__file__).with_name("worker.py"))]
+            worker = [python, str(Path(__file__).with_name("drive.py"))]
             self.process = subprocess.Popen(
                 [*worker, MODULE.format(self.name)],
                 stdin=subprocess.PIPE,

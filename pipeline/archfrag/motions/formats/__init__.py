@@ -21,8 +21,8 @@ from obspy import Trace, UTCDateTime
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import opened, wide_encoding
 from archfrag.motions.channel import Channel
+from archfrag.motions.formats.apart import Limited, LimitedError
 from archfrag.motions.formats.keyed import read_knet
-from archfrag.system import Limited, LimitedError
 
 # The formats of this package, which are entry points in pyproject.toml.
 OWN = ("AT2", "COSMOS", "DMG", "DYNA", "GEONET", "RESORCE", "SMC")
@@ -175,7 +175,7 @@ def one_reader() -> Iterator[None]:
 
     Without such a block each file has a process of its own.
     """
-    process = Limited("archfrag.motions.formats.apart", COMPUTING_TIME, MEMORY)
+    process = Limited(f"{__name__}:read_in_c", COMPUTING_TIME, MEMORY)
     _shared.append(process)
     try:
         yield

@@ -17,12 +17,12 @@ from pathlib import Path
 from archfrag.physics.kernels.cache import source_hash, use_kernel_cache
 from archfrag.physics.kernels.load import (
     OF_ALL,
+    PROCESSOR,
     SHIPPED,
     as_tuples,
     is_ready,
     make_ready,
 )
-from archfrag.physics.kernels.processor import PROCESSOR
 from archfrag.system import end_with_input, start_python
 
 

@@ -14,7 +14,7 @@ from numba.core.registry import cpu_target
 from numba.extending import lower_builtin, models, register_model, typeof_impl
 
 from archfrag.physics.kernels import lower
-from archfrag.physics.kernels.processor import PROCESSOR, has_common_features, machine
+from archfrag.physics.kernels.load import PROCESSOR, has_common_features, machine
 from archfrag.physics.kernels.structs import Source
 
 

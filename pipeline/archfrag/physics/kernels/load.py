@@ -21,12 +21,16 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
-from archfrag.physics.kernels.processor import can_use_shipped, machine
 from archfrag.system import replace
 
 SETS = ("rest", "steps", "events", "faces", "bridges")
 OF_ALL = SETS[:3]  # those that every study uses
 SHIPPED = Path(__file__).parent / "shipped"
+# All processors with these features, those of the last ten years, give the same bits: they have
+# fused multiply-adds.
+PROCESSOR = "x86-64-v3"
+NEEDED = ("avx2", "fma", "bmi2")
+ARM = ("arm64-", "aarch64-")
 
 called: list[
     tuple[str, Any]
@@ -34,6 +38,36 @@ called: list[
 _lock = threading.RLock()
 _found: dict[tuple[str, Any], tuple[int, Any]] = {}
 _engines: list[Any] = []  # hold the machine code
+
+
+def has_common_features() -> bool:
+    """Return whether this processor has what `PROCESSOR` has."""
+    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
+
+
+def can_use_shipped() -> bool:
+    """Return whether LLVM can make machine code for this machine of the code that is shipped.
+
+    It has no instruction of any processor, but needs fused multiply-adds, which all processors of
+    64 bits by ARM have.
+    """
+    return has_common_features() or llvm.get_process_triple().startswith(ARM)
+
+
+@functools.cache
+def machine(processor: str = ""):
+    """Return LLVM's description of `processor`, or of this machine's processor if it is empty."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    features = "" if processor else llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=processor or llvm.get_host_cpu_name(),
+        features=features,
+        opt=3,
+        reloc="static",
+        codemodel="jitdefault",
+        jit=True,
+    )
 
 
 def load(kernel, key) -> tuple[int, Any]:
@@ -112,16 +146,21 @@ def _parsed(name: str) -> tuple[Any, Any] | None:
         return None
     _, offers, code = _shipped(name)
     try:
-        module = llvm.parse_bitcode(code)
-        target = machine()
-        module.triple = target.triple
-        module.data_layout = str(target.target_data)
+        module = parsed_for(code, machine())
         for _, _, symbol, _ in offers:
             module.get_function(symbol)
     except (RuntimeError, NameError):
         _warn_unreadable(name)
         return None
     return offers, module
+
+
+def parsed_for(code: bytes, target):
+    """Return LLVM's module of shipped code, for the system of LLVM's description of a machine."""
+    module = llvm.parse_bitcode(code)
+    module.triple = target.triple
+    module.data_layout = str(target.target_data)
+    return module
 
 
 def _warn_unreadable(name: str) -> None:

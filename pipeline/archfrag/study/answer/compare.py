@@ -10,11 +10,16 @@ from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve, FloatArray, IntArray
-from archfrag.fragility.parts import divide
 from archfrag.fragility.plane import Plane, fit_plane
 from archfrag.fragility.quoted import capacity_posterior, shared_events
 from archfrag.fragility.risk import HazardCurve
-from archfrag.fragility.several import crossing_groups, left_out, parts_of, ratios
+from archfrag.fragility.several import (
+    crossing_groups,
+    divide,
+    left_out,
+    parts_of,
+    ratios,
+)
 from archfrag.fragility.verdicts import Brackets
 from archfrag.study.answer.curves import ArchRuns, Fitted, known_measures, runs_of_cube
 from archfrag.study.answer.rates import mechanisms_of

@@ -153,11 +153,11 @@ def code_table(
     which the curve's probability is at most that of `code`. `ratio` is capacity over demand,
     `rate` the annual rate at which the limit state is exceeded [1/year].
 
-    NTC 2018 (D.M. 17 January 2018), 2.4 and table 3.2.I: T_R = -V_R / ln(1 - P_VR), V_R = C_U V_N,
-    P_VR = 10 % (SLV) and 5 % (SLC). EN 1998-3:2005, 2.1(3), recommends 475 (SD) and 2475 years (NC);
-    national annexes may differ. NTC 2018, 8.3, calls capacity over demand zeta_E, as the guidelines
-    for bridges of 2020 (D.M. 578/2020) do. Neither gives a fragility curve or a probability at the
-    capacity.
+    NTC 2018 (D.M. 17 January 2018), 2.4 and table 3.2.I: T_R = -V_R / ln(1 - P_VR), V_R = C_U
+    V_N, P_VR = 10 % (SLV) and 5 % (SLC). EN 1998-3:2005, 2.1(3), recommends 475 (SD) and 2475
+    years (NC); national annexes may differ. NTC 2018, 8.3, calls capacity over demand zeta_E,
+    as the guidelines for bridges of 2020 (D.M. 578/2020) do. Neither gives a fragility curve or
+    a probability at the capacity.
     """
     rows = list[tuple]()
     for name, curve in curves.items():
