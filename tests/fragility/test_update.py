@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
+import archfrag as af
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.evidence import evidence
@@ -222,3 +223,24 @@ def test_another_measure_needs_its_length():
         replace(PRIOR, measure="PGV").update(FAR, beta_model=0.3)
     with pytest.warns(UserWarning, match="hardly anything"):
         replace(PRIOR, measure="Sa(0.5)").update(FAR, beta_model=0.3)
+
+
+def test_a_curve_of_few_records_is_so_wide_that_some_draws_have_no_end():
+    """Six records, one of which collapses at the highest level."""
+    levels = [0.6, 1.2, 2.0]
+    rows = [(f"r{i}", x, int(i == 0 and x == 2.0)) for i in range(6) for x in levels]
+    table = pd.DataFrame(rows, columns=["record", "PGA [g]", "collapsed"])
+    before = af.fit(table).curve
+    assert np.isinf(before.draws(0, 20_000)[0]).any()
+    with pytest.warns(UserWarning, match="agree with the damage"):
+        after = before.update(
+            {
+                "state": ["collapsed"] * 3 + ["survived"],
+                "median": 0.6,
+                "tau": 0.2,
+                "phi": 0.3,
+            },
+            beta_model=0.1,
+        )
+    assert after.theta < before.theta
+    assert np.isfinite([after.theta, after.beta, *after.interval]).all()
