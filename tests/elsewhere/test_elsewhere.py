@@ -35,8 +35,8 @@ USES = {  # what works on POSIX, and how it fails elsewhere
     "assert str(Path('a/b/c').relative_to('a')) == 'b/c'": "AssertionError",
 }
 PROGRAM = """import sys
-head = "import multiprocessing, os, signal; from pathlib import Path; X, Y = Path('x'), Path('y')\\n"
-exec(head + sys.argv[2], {"__name__": sys.argv[1]})"""
+head = "import multiprocessing, os, signal; from pathlib import Path\\n"
+exec(head + "X, Y = Path('x'), Path('y')\\n" + sys.argv[2], {"__name__": sys.argv[1]})"""
 
 
 @pytest.mark.posix
