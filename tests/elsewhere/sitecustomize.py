@@ -72,7 +72,7 @@ _open = io.open
 def _is_ours(depth: int = 2) -> bool:
     """Return whether the caller's caller is a module of archfrag."""
     while True:
-        name = sys._getframe(depth).f_globals.get("__name__", "")
+        name = sys._getframe(depth).f_globals.get("__name__") or ""
         if name not in ("pathlib", __name__):
             return name.partition(".")[0] in ("archfrag", "archfrag_of_test")
         depth += 1
@@ -192,7 +192,7 @@ _TAKEN = {
 
 
 def _imported(name, globals=None, locals=None, fromlist=(), level=0):
-    caller = (globals or {}).get("__name__", "").partition(".")[0]
+    caller = ((globals or {}).get("__name__") or "").partition(".")[0]
     if level == 0 and caller in ("archfrag", "archfrag_of_test"):
         if name in MODULES:
             raise ModuleNotFoundError(f"No module named {name!r} elsewhere")
