@@ -8,7 +8,7 @@ other system; pytest and other libraries go on as before. What it takes away:
   `os.kill(pid, 0)`, which there is Ctrl+C, and the context "fork" of multiprocessing;
 - signals but SIGINT, SIGTERM, SIGABRT and SIGSEGV, and timers;
 - mode bits and owners of files;
-- replacing or removing a file that this process has open;
+- replacing or removing a file that this process has open, and renaming to a name that is there;
 - names that differ in case only, names of devices, and characters that no name may have;
 - the encoding UTF-8 and the line end "\\n" of text files that do not ask for them;
 - slashes in `os.path.relpath`, in relative paths as text, and as the separator of paths.
@@ -131,6 +131,12 @@ def _replace(source, target, **options):
     os.replace(source, target, **options)
 
 
+def _rename(source, target, **options):
+    if os.path.exists(target):
+        raise FileExistsError(17, "File exists", str(target))
+    _replace(source, target, **options)
+
+
 def _unlink(path, **options):
     _check_free(path)
     os.unlink(path, **options)
@@ -169,7 +175,7 @@ _TAKEN = {
         os,
         GONE["os"],
         replace=_replace,
-        rename=_replace,
+        rename=_rename,
         unlink=_unlink,
         remove=_unlink,
         kill=_kill,
@@ -178,6 +184,7 @@ _TAKEN = {
         stat=_stat(os.stat),
         lstat=_stat(os.lstat),
         linesep="\r\n",
+        sep="\\",
     ),
     "signal": Module(signal, GONE["signal"]),
 }
@@ -208,7 +215,7 @@ def _elsewhere_open(
 
 def _patch_pathlib() -> None:
     path = pathlib.Path
-    touch, mkdir, unlink = path.touch, path.mkdir, path.unlink
+    touch, mkdir, unlink, replace = path.touch, path.mkdir, path.unlink, path.replace
     read, write = path.read_text, path.write_text
 
     def open_(self, mode="r", buffering=-1, encoding=None, errors=None, newline=None):
@@ -229,6 +236,13 @@ def _patch_pathlib() -> None:
             _check_free(self)
         return unlink(self, *arguments, **options)
 
+    def replaced(self, target):
+        if _is_ours():
+            _check_free(self)
+            _check_free(target)
+            _check_name(target)
+        return replace(self, target)
+
     def read_text(self, encoding=None, errors=None):
         return read(self, encoding or ("cp1252" if _is_ours() else None), errors)
 
@@ -240,7 +254,7 @@ def _patch_pathlib() -> None:
         return write(self, data, encoding, errors, newline)
 
     path.open, path.touch, path.mkdir, path.unlink = open_, touched, made, unlinked
-    path.read_text, path.write_text = read_text, write_text
+    path.read_text, path.write_text, path.replace = read_text, write_text, replaced
 
     relative = pathlib.PurePath.relative_to
 

@@ -92,6 +92,7 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
     assert not name.endswith(("gz", "tar", "bz2")) or "never unpacked" in result.output
 
 
+@pytest.mark.posix
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):

@@ -350,7 +350,15 @@ NAMED = [
 
 
 @pytest.mark.parametrize(
-    "kind", ["missing", "pipe", "device", "folder", "circle", "huge"]
+    "kind",
+    [
+        "missing",
+        pytest.param("pipe", marks=pytest.mark.posix),
+        pytest.param("device", marks=pytest.mark.posix),
+        "folder",
+        "circle",
+        "huge",
+    ],
 )
 @pytest.mark.parametrize(("key", "old", "new"), NAMED, ids=[key for key, _, _ in NAMED])
 def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind):

@@ -162,6 +162,7 @@ def timeout():
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("attack", ATTACKS)
 def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
     """After a kill, so that it is swept too; with a new title and levels, so that all is made."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import Named, sha256_of
+from archfrag.files import Named, portable, sha256_of
 from archfrag.motions import index, partners, read
 from archfrag.motions.channel import VERTICAL
 from archfrag.motions.formats.columns import parse_columns
@@ -173,7 +173,7 @@ def _matching(text: str) -> list[Path]:
     pattern = Path(text)
     if not glob.has_magic(text) or pattern.is_file():
         return [pattern]
-    place = str(pattern.parent)
+    place = portable(str(pattern.parent))
     name = re.compile(fnmatch.translate(pattern.name), re.I)
     folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
     paths = sorted(
