@@ -15,6 +15,7 @@ other system; pytest and other libraries go on as before. What it takes away:
 """
 
 import builtins
+import functools
 import io
 import multiprocessing
 import os
@@ -253,8 +254,16 @@ def _patch_pathlib() -> None:
             newline = "\r\n" if newline is None else newline
         return write(self, data, encoding, errors, newline)
 
-    path.open, path.touch, path.mkdir, path.unlink = open_, touched, made, unlinked
-    path.read_text, path.write_text, path.replace = read_text, write_text, replaced
+    for each, name in (
+        (open_, "open"),
+        (touched, "touch"),
+        (made, "mkdir"),
+        (unlinked, "unlink"),
+        (replaced, "replace"),
+        (read_text, "read_text"),
+        (write_text, "write_text"),
+    ):
+        setattr(path, name, functools.wraps(getattr(path, name))(each))
 
     relative = pathlib.PurePath.relative_to
 

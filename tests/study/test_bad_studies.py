@@ -6,7 +6,6 @@ import math
 import os
 import random
 import re
-import resource
 import subprocess
 import sys
 import time
@@ -506,6 +505,8 @@ def check_spoilt(folder, count):
     """Check so many studies spoilt at random, with little more memory than what is loaded now."""
     small_study(folder)
     check(folder, TEXT.encode())  # loads what any other will need
+    import resource
+
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + int(LARGEST * 1e6),) * 2)
     draw = random.Random(1)
