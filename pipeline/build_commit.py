@@ -23,6 +23,6 @@ class CommitHook(BuildHookInterface):
             check=True,
         )
         made = Path(tempfile.mkdtemp()) / "commit.txt"
-        made.write_text(described.stdout)
+        made.write_text(described.stdout, encoding="utf-8", newline="\n")
         folder = "pipeline/archfrag" if self.target_name == "sdist" else "archfrag"
         build_data["force_include"][str(made)] = f"{folder}/commit.txt"
