@@ -27,41 +27,14 @@ import sys
 import types
 
 GONE = {
-    "os": {
-        *[
-            "fork",
-            "getuid",
-            "geteuid",
-            "killpg",
-            "mkfifo",
-            "O_NONBLOCK",
-            "O_NOFOLLOW",
-            "register_at_fork",
-        ],
-        *[
-            "set_blocking",
-            "statvfs",
-            "uname",
-            "sysconf",
-            "getpgid",
-            "setsid",
-            "WNOHANG",
-        ],
-    },
-    "signal": {
-        *[
-            "SIGHUP",
-            "SIGKILL",
-            "SIGPROF",
-            "SIGALRM",
-            "SIGUSR1",
-            "SIGUSR2",
-            "SIGCHLD",
-            "SIGPIPE",
-            "SIGQUIT",
-        ],
-        *["setitimer", "ITIMER_PROF", "alarm", "pthread_sigmask"],
-    },
+    "os": set(
+        "fork getuid geteuid killpg mkfifo O_NONBLOCK O_NOFOLLOW register_at_fork set_blocking "
+        "statvfs uname sysconf getpgid setsid WNOHANG".split()
+    ),
+    "signal": set(
+        "SIGHUP SIGKILL SIGPROF SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT setitimer "
+        "ITIMER_PROF alarm pthread_sigmask".split()
+    ),
 }
 MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog")
 DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?")
