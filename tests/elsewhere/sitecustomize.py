@@ -27,14 +27,10 @@ import sys
 import types
 
 GONE = {
-    "os": set(
-        "fork getuid geteuid killpg mkfifo O_NONBLOCK O_NOFOLLOW register_at_fork set_blocking "
-        "statvfs uname sysconf getpgid setsid WNOHANG".split()
-    ),
-    "signal": set(
-        "SIGHUP SIGKILL SIGPROF SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT setitimer "
-        "ITIMER_PROF alarm pthread_sigmask".split()
-    ),
+    "os": "fork getuid geteuid killpg mkfifo O_NONBLOCK O_NOFOLLOW register_at_fork set_blocking "
+    "statvfs uname sysconf getpgid setsid WNOHANG",
+    "signal": "SIGHUP SIGKILL SIGPROF SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT setitimer "
+    "ITIMER_PROF alarm pthread_sigmask",
 }
 MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog")
 DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?")
@@ -89,7 +85,7 @@ class Module(types.ModuleType):
     def __init__(self, module, gone, **others) -> None:
         super().__init__(module.__name__)
         self._module = module
-        self._gone = gone
+        self._gone = gone.split()
         self.__dict__.update(others)
 
     def __getattr__(self, name):
@@ -154,7 +150,7 @@ _TAKEN = {
         remove=_unlink,
         kill=_kill,
         open=_open_os,
-        path=Module(os.path, (), relpath=_relpath),
+        path=Module(os.path, "", relpath=_relpath),
         stat=_stat(os.stat),
         lstat=_stat(os.lstat),
         linesep="\r\n",
