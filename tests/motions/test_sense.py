@@ -8,7 +8,6 @@ import obspy
 import pytest
 
 import archfrag as af
-from archfrag.motions.formats import one_reader
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import odd_samples
@@ -107,14 +106,13 @@ class TestOddSamples:
             and path.name != ".gitattributes"
         ]
         count = 0
-        with one_reader():
-            for path in files:
-                options = {"columns": table} if path.parent.name == "p695_txt" else {}
-                channels, _ = read_channels(path, "g" if options else None, **options)
-                count += len(channels)
-                for channel in channels:
-                    assert not channel.cautions, path
-                    assert not channel.sensor, path
+        for path in files:
+            options = {"columns": table} if path.parent.name == "p695_txt" else {}
+            channels, _ = read_channels(path, "g" if options else None, **options)
+            count += len(channels)
+            for channel in channels:
+                assert not channel.cautions, path
+                assert not channel.sensor, path
         assert count > 150
 
     def test_it_reaches_the_motion_and_the_vertical(self, tmp_path):
