@@ -42,13 +42,18 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is slow and what is a law, and begin with the site."""
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
+    """Mark what is slow and what is a law, skip what is POSIX's, and begin with the site."""
+    elsewhere = os.name != "posix" or config.getoption("--as-elsewhere")
     with SLOW.open(encoding="utf-8", newline="") as file:
         slow = {row["test"] for row in csv.DictReader(file)}
     for item in items:
         if item.nodeid in slow:
             item.add_marker("slow")
+        if elsewhere and item.get_closest_marker("posix"):
+            item.add_marker(pytest.mark.skip(reason="of POSIX only"))
         if not LAWS.isdisjoint(item.path.parents):
             item.add_marker("law")
     items.sort(key=lambda item: item.path.name != "test_site.py")

@@ -1,6 +1,5 @@
 """For cells of pages: pictures by archfrag's own functions, and figures of a report."""
 
-import fcntl
 import json
 import os
 import re
@@ -11,6 +10,7 @@ from html import escape
 from pathlib import Path
 
 import pandas as pd
+from filelock import FileLock
 from IPython.display import HTML
 from look import picture, svg_of, themed
 from matplotlib.figure import Figure
@@ -23,15 +23,21 @@ from archfrag.report.html import STYLE
 from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
 
 ROOT = Path(os.environ["ARCHFRAG_DOCS"]).parent
-WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone
+WORD = re.compile(
+    r"\b(?!inf\b)[A-Za-z]{2}"
+)  # of a column that does not hold numbers alone
 
 
 def table(frame: pd.DataFrame) -> HTML:
     """A table without index, columns of numbers to the right; an empty cell has no value."""
-    columns = [["" if pd.isna(each) else _written(each) for each in frame[name]] for name in frame]
+    columns = [
+        ["" if pd.isna(each) else _written(each) for each in frame[name]]
+        for name in frame
+    ]
     kinds = [_kind(each) for each in columns]
     head = "".join(
-        f"<th{kind}>{escape(str(name).replace('_', ' '))}</th>" for name, kind in zip(frame, kinds)
+        f"<th{kind}>{escape(str(name).replace('_', ' '))}</th>"
+        for name, kind in zip(frame, kinds)
     )
     body = "".join(
         "<tr>"
@@ -68,8 +74,13 @@ def shipped_study() -> tuple[dict, Path]:
     """The summary of the shipped study and the folder of its results; it runs once."""
 
     def make(folder: Path) -> None:
-        study, output = str(ROOT / "configs" / "shipped.yaml"), json.dumps(str(folder / "results"))
-        subprocess.run(["archfrag", "run", study, f"--set=output={output}", "--quiet"], check=True)
+        study, output = (
+            str(ROOT / "configs" / "shipped.yaml"),
+            json.dumps(str(folder / "results")),
+        )
+        subprocess.run(
+            ["archfrag", "run", study, f"--set=output={output}", "--quiet"], check=True
+        )
 
     results = _once("shipped-study", make) / "results"
     return json.loads((results / "summary.json").read_text("utf-8")), results
@@ -89,7 +100,10 @@ def curve_of(results: Path, caption: str = "") -> HTML:
     axes.plot(level, chance, color=BLUE, lw=2.0)
     axes.plot([theta, theta, 0.0], [0.0, 0.5, 0.5], color=GREY, lw=0.8, ls="--")
     axes.annotate(
-        f"θ {theta:.2g} {summary['unit']}", (theta, 0.0), (4, 4), textcoords="offset points"
+        f"θ {theta:.2g} {summary['unit']}",
+        (theta, 0.0),
+        (4, 4),
+        textcoords="offset points",
     )
     if summary["unit"] == "g":
         axes.plot([onset], [0.0], "o", color=VERMILION, clip_on=False)
@@ -109,14 +123,20 @@ def film(report: Path | str, caption: str = "") -> HTML:
 def film_of(response: af.Response, caption: str = "") -> HTML:
     """A run with its history as the film that reports have."""
     motion, factor = response.motion, response.scale
-    run = Example(response.arch, motion, factor, f"times {factor:.3g}", response, "", same=True)
+    run = Example(
+        response.arch, motion, factor, f"times {factor:.3g}", response, "", same=True
+    )
     drawn = "".join(str(each.svg) for each in film_and_frames(run, "film", "A run"))
     return HTML(f'<div class="small">{_moving(drawn, caption).data}</div>')
 
 
 def _moving(text: str, caption: str) -> HTML:
     start = text.find('<svg class="moving"')
-    drawn = re.findall(r"<svg.*?</svg>", text[start:], flags=re.DOTALL)[:2] if start >= 0 else []
+    drawn = (
+        re.findall(r"<svg.*?</svg>", text[start:], flags=re.DOTALL)[:2]
+        if start >= 0
+        else []
+    )
     if len(drawn) < 2 or 'class="still' not in drawn[1]:
         raise LookupError("no film with still frames")
     body = themed(f"<style>{STYLE}</style>{''.join(drawn)}")
@@ -155,7 +175,9 @@ def finished_study() -> None:
         made = "--events 8 --records-per-event 2 --magnitude 6:7.5 --distance-km 5:40"
         command = ["archfrag", "records", "make", *made.split(), "--out", "motions"]
         subprocess.run(command, cwd=folder, check=True)
-        subprocess.run(["archfrag", "run", "ring.yaml", "--quiet"], cwd=folder, check=True)
+        subprocess.run(
+            ["archfrag", "run", "ring.yaml", "--quiet"], cwd=folder, check=True
+        )
 
     shutil.copytree(_once("finished-study", make), Path.cwd(), dirs_exist_ok=True)
 
@@ -164,8 +186,7 @@ def _once(name: str, make: Callable[[Path], None]) -> Path:
     """A folder that the first page that asks makes; others wait for it."""
     folder = Path(os.environ["ARCHFRAG_KEPT"]) / name
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with FileLock(folder / "lock"):
         if not (folder / "finished").exists():
             make(folder)
             (folder / "finished").touch()

@@ -16,6 +16,7 @@ import socket
 import stat
 import tempfile
 import time
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -85,8 +86,13 @@ def absolute(path: str, folder: Path) -> str:
 
 
 def portable(path: str) -> str:
-    """Return a path that may be written as on Windows, with backslashes, as one of this system."""
-    return path if os.path.exists(path) else path.replace("\\", "/")
+    """Return a path as this system has it.
+
+    It may be written with backslashes, and its accents as one sign or as two.
+    """
+    slashes = path.replace("\\", "/")
+    composed = (unicodedata.normalize(form, slashes) for form in ("NFC", "NFD"))
+    return next(filter(os.path.exists, (path, slashes, *composed)), slashes)
 
 
 def relative_path(path: str | Path, folder: str | Path) -> str:
@@ -98,7 +104,7 @@ def relative_path(path: str | Path, folder: str | Path) -> str:
         found = os.path.relpath(path, folder)
     except ValueError:
         found = os.path.abspath(path)
-    return Path(found).as_posix()
+    return found.replace(os.sep, "/")
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -528,16 +534,16 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     ]
 
 
-def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[Row]]:
-    """Split the text of a table into its separator, its column names and its rows.
+def parse_table(text: str, comments: bool = True) -> tuple[list[str], list[Row]]:
+    """Split the text of a table into its column names and its rows, with decimal points.
 
     The first line gives separator and names. Lines that begin with # are left out if `comments` is
-    true, and empty rows always. InputError if a row has more or fewer cells than the first line,
-    or if a name is missing or there twice.
+    true; empty rows and Excel's line ``sep=;`` always. InputError if a row has more or fewer cells
+    than the first line, if a name is missing or there twice, or for commas as in `with_points`.
     """
     if comments:
         text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"(?i)\A\s*sep=.(?=\r?\n)", "", text)  # of Excel
+    text = re.sub(r'(?i)\A\s*"?sep=."?(?=\r?\n)', "", text)
     separator = separator_of([next(filter(str.strip, text.splitlines()), "")]).replace(
         " ", ","
     )
@@ -566,21 +572,16 @@ def parse_table(text: str, comments: bool = True) -> tuple[str, list[str], list[
             what = f"column {name!r} is there twice" if name else "a column has no name"
             raise InputError(f"line {head}: {what}; give each column a name of its own")
     check_counts(rows, separator, kept)
-    return separator, names, rows
+    return names, with_points(rows, separator)
 
 
-def table_of(text: str, commas: bool = True) -> "pd.DataFrame":
+def table_of(text: str) -> "pd.DataFrame":
     """Return a table as a DataFrame of text cells, indexed by the numbers of the lines.
 
-    The text is split by `parse_table`. Decimal commas become points if `commas` is true; else they
-    raise InputError.
+    The text is split by `parse_table`.
     """
     import pandas as pd  # takes a third of a second
 
-    separator, names, rows = parse_table(text)
-    if commas:
-        rows = with_points(rows, separator)
-    else:
-        check_decimals((line, cell) for line, cells in rows for cell in cells)
+    names, rows = parse_table(text)
     lines, cells = zip(*rows) if rows else ((), None)
     return pd.DataFrame(cells, lines, names, dtype=str)

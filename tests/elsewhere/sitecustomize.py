@@ -8,13 +8,14 @@ other system; pytest and other libraries go on as before. What it takes away:
   `os.kill(pid, 0)`, which there is Ctrl+C, and the context "fork" of multiprocessing;
 - signals but SIGINT, SIGTERM, SIGABRT and SIGSEGV, and timers;
 - mode bits and owners of files;
-- replacing or removing a file that this process has open;
+- replacing or removing a file that this process has open, and renaming to a name that is there;
 - names that differ in case only, names of devices, and characters that no name may have;
 - the encoding UTF-8 and the line end "\\n" of text files that do not ask for them;
 - slashes in `os.path.relpath`, in relative paths as text, and as the separator of paths.
 """
 
 import builtins
+import functools
 import io
 import multiprocessing
 import os
@@ -26,41 +27,10 @@ import sys
 import types
 
 GONE = {
-    "os": {
-        *[
-            "fork",
-            "getuid",
-            "geteuid",
-            "killpg",
-            "mkfifo",
-            "O_NONBLOCK",
-            "O_NOFOLLOW",
-            "register_at_fork",
-        ],
-        *[
-            "set_blocking",
-            "statvfs",
-            "uname",
-            "sysconf",
-            "getpgid",
-            "setsid",
-            "WNOHANG",
-        ],
-    },
-    "signal": {
-        *[
-            "SIGHUP",
-            "SIGKILL",
-            "SIGPROF",
-            "SIGALRM",
-            "SIGUSR1",
-            "SIGUSR2",
-            "SIGCHLD",
-            "SIGPIPE",
-            "SIGQUIT",
-        ],
-        *["setitimer", "ITIMER_PROF", "alarm", "pthread_sigmask"],
-    },
+    "os": "fork getuid geteuid killpg mkfifo O_NONBLOCK O_NOFOLLOW register_at_fork set_blocking "
+    "statvfs uname sysconf getpgid setsid WNOHANG",
+    "signal": "SIGHUP SIGKILL SIGPROF SIGALRM SIGUSR1 SIGUSR2 SIGCHLD SIGPIPE SIGQUIT setitimer "
+    "ITIMER_PROF alarm pthread_sigmask",
 }
 MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog")
 DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?")
@@ -71,7 +41,7 @@ _open = io.open
 def _is_ours(depth: int = 2) -> bool:
     """Return whether the caller's caller is a module of archfrag."""
     while True:
-        name = sys._getframe(depth).f_globals.get("__name__", "")
+        name = sys._getframe(depth).f_globals.get("__name__") or ""
         if name not in ("pathlib", __name__):
             return name.partition(".")[0] in ("archfrag", "archfrag_of_test")
         depth += 1
@@ -115,7 +85,7 @@ class Module(types.ModuleType):
     def __init__(self, module, gone, **others) -> None:
         super().__init__(module.__name__)
         self._module = module
-        self._gone = gone
+        self._gone = gone.split()
         self.__dict__.update(others)
 
     def __getattr__(self, name):
@@ -129,6 +99,12 @@ def _replace(source, target, **options):
     _check_free(target)
     _check_name(target)
     os.replace(source, target, **options)
+
+
+def _rename(source, target, **options):
+    if os.path.exists(target):
+        raise FileExistsError(17, "File exists", str(target))
+    _replace(source, target, **options)
 
 
 def _unlink(path, **options):
@@ -169,22 +145,23 @@ _TAKEN = {
         os,
         GONE["os"],
         replace=_replace,
-        rename=_replace,
+        rename=_rename,
         unlink=_unlink,
         remove=_unlink,
         kill=_kill,
         open=_open_os,
-        path=Module(os.path, (), relpath=_relpath),
+        path=Module(os.path, "", relpath=_relpath),
         stat=_stat(os.stat),
         lstat=_stat(os.lstat),
         linesep="\r\n",
+        sep="\\",
     ),
     "signal": Module(signal, GONE["signal"]),
 }
 
 
 def _imported(name, globals=None, locals=None, fromlist=(), level=0):
-    caller = (globals or {}).get("__name__", "").partition(".")[0]
+    caller = ((globals or {}).get("__name__") or "").partition(".")[0]
     if level == 0 and caller in ("archfrag", "archfrag_of_test"):
         if name in MODULES:
             raise ModuleNotFoundError(f"No module named {name!r} elsewhere")
@@ -208,7 +185,7 @@ def _elsewhere_open(
 
 def _patch_pathlib() -> None:
     path = pathlib.Path
-    touch, mkdir, unlink = path.touch, path.mkdir, path.unlink
+    touch, mkdir, unlink, replace = path.touch, path.mkdir, path.unlink, path.replace
     read, write = path.read_text, path.write_text
 
     def open_(self, mode="r", buffering=-1, encoding=None, errors=None, newline=None):
@@ -229,6 +206,13 @@ def _patch_pathlib() -> None:
             _check_free(self)
         return unlink(self, *arguments, **options)
 
+    def replaced(self, target):
+        if _is_ours():
+            _check_free(self)
+            _check_free(target)
+            _check_name(target)
+        return replace(self, target)
+
     def read_text(self, encoding=None, errors=None):
         return read(self, encoding or ("cp1252" if _is_ours() else None), errors)
 
@@ -239,8 +223,16 @@ def _patch_pathlib() -> None:
             newline = "\r\n" if newline is None else newline
         return write(self, data, encoding, errors, newline)
 
-    path.open, path.touch, path.mkdir, path.unlink = open_, touched, made, unlinked
-    path.read_text, path.write_text = read_text, write_text
+    for each, name in (
+        (open_, "open"),
+        (touched, "touch"),
+        (made, "mkdir"),
+        (unlinked, "unlink"),
+        (replaced, "replace"),
+        (read_text, "read_text"),
+        (write_text, "write_text"),
+    ):
+        setattr(path, name, functools.wraps(getattr(path, name))(each))
 
     relative = pathlib.PurePath.relative_to
 

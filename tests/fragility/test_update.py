@@ -222,3 +222,18 @@ def test_another_measure_needs_its_length():
         replace(PRIOR, measure="PGV").update(FAR, beta_model=0.3)
     with pytest.warns(UserWarning, match="hardly anything"):
         replace(PRIOR, measure="Sa(0.5)").update(FAR, beta_model=0.3)
+
+
+def test_draws_without_an_end_do_no_harm(monkeypatch):
+    """Curves of a few records that hardly collapse have some."""
+    draws = Curve.draws
+
+    def some_endless(curve, seed, number):
+        theta, beta = draws(curve, seed, number)
+        theta[::1000] = np.inf
+        return theta, beta
+
+    expected = PRIOR.update(SEEN, beta_model=0.5)
+    monkeypatch.setattr(Curve, "draws", some_endless)
+    after = PRIOR.update(SEEN, beta_model=0.5)
+    assert after.theta == pytest.approx(expected.theta, rel=0.01)

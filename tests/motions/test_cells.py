@@ -8,7 +8,7 @@ from archfrag.motions.read import read_motion
 from archfrag.motions.selection import read_targets
 from archfrag.study.hazard import load_hazard
 
-from .helpers import at2_text, put, refused, swapped, wave
+from .helpers import at2_text, put, refused, wave
 
 NORTH = 0.3 * wave()
 YEARS = "PGA [g];return period [years]\n"
@@ -70,8 +70,12 @@ HEAD = "id,file,unit,Mw\n"
     ("text", "part"),
     [
         (
-            "id;file;unit;Mw\na;f;g;6,5\n",
+            HEAD + 'a,f,g,"6,5"\n',
             "line 2: '6,5' has a comma within a number; write",
+        ),
+        (
+            "id;file;unit;Mw;distance_km\na;f;g;6,5;1.5\n",
+            "'6,5' in line 2 has a comma, '1.5' in line 2 a point",
         ),
         (HEAD + "a,f,g,6,5\n", "line 2 has 5 cells, the other rows have 4"),
         (HEAD + "a,f,g,6\nb,f,g\n", "line 3 has 3 of 4 cells"),
@@ -115,5 +119,5 @@ def test_a_target_with_any_separator(tmp_path):
     text = "period_s;Sa_g\n0.1;0.5\n0.5;0.3\n"
     target = read_targets(put(tmp_path, text))[None]
     np.testing.assert_allclose(np.exp(target.ln_mean), [0.5, 0.3])
-    path = put(tmp_path, swapped(text))
-    refused(lambda: read_targets(path)[None], "'0,1' has a comma within a number")
+    path = put(tmp_path, "period_s;Sa_g\n0,1;0.5\n0,5;0.3\n")
+    refused(lambda: read_targets(path)[None], "'0,1' in line 2 has a comma, '0.5'")

@@ -6,7 +6,6 @@ import math
 import os
 import random
 import re
-import resource
 import subprocess
 import sys
 import time
@@ -350,7 +349,15 @@ NAMED = [
 
 
 @pytest.mark.parametrize(
-    "kind", ["missing", "pipe", "device", "folder", "circle", "huge"]
+    "kind",
+    [
+        "missing",
+        pytest.param("pipe", marks=pytest.mark.posix),
+        pytest.param("device", marks=pytest.mark.posix),
+        "folder",
+        "circle",
+        "huge",
+    ],
 )
 @pytest.mark.parametrize(("key", "old", "new"), NAMED, ids=[key for key, _, _ in NAMED])
 def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind):
@@ -498,6 +505,8 @@ def check_spoilt(folder, count):
     """Check so many studies spoilt at random, with little more memory than what is loaded now."""
     small_study(folder)
     check(folder, TEXT.encode())  # loads what any other will need
+    import resource
+
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + int(LARGEST * 1e6),) * 2)
     draw = random.Random(1)

@@ -16,7 +16,8 @@ import psutil
 import pytest
 
 from archfrag.errors import InputError, OutputError
-from archfrag.motions.formats import one_reader, read_apart
+from archfrag.motions import formats
+from archfrag.motions.formats import read_apart
 from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute, workers
@@ -277,8 +278,9 @@ def test_a_file_system_without_locks_has_one_run_at_a_time_too(copied, monkeypat
 
 def test_one_process_reads_all_records_and_does_not_hold_the_lock(copied):
     path = next((ROOT / "records" / "synthetic").glob("*.mseed"))
+    formats.READER.close()
     before = set(psutil.Process().children())
-    with only_run(copied.study), one_reader():
+    with only_run(copied.study):
         read_apart(str(path))
         (reader,) = set(psutil.Process().children()) - before
         read_apart(str(path))
@@ -286,4 +288,5 @@ def test_one_process_reads_all_records_and_does_not_hold_the_lock(copied):
         assert str(copied.study.work / "lock") not in [
             file.path for file in reader.open_files()
         ]
+    formats.READER.close()
     assert not reader.is_running()

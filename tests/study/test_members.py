@@ -413,7 +413,7 @@ class TestTables:
             ),
             (
                 TABLE,
-                "id;radius\na;10,5\n",
+                'id,radius\na,"10,5"\n',
                 ": line 2: '10,5' has a comma within a number; write",
             ),
             ("0.6,north", '"[0.6, x]",north', ", arch old: friction[1] = 'x' must be"),

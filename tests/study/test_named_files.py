@@ -67,6 +67,7 @@ KEYS = {
 }
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("key", KEYS)
 def test_a_pipe_a_device_and_what_is_too_large_are_refused_at_once(tmp_path, key):
     path = small_study(tmp_path, KEYS[key])
@@ -86,6 +87,7 @@ def test_a_pipe_a_device_and_what_is_too_large_are_refused_at_once(tmp_path, key
         place.unlink()
 
 
+@pytest.mark.posix
 def test_info_does_not_wait_for_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "cube.nc")
     found = command("info", tmp_path / "cube.nc")

@@ -81,6 +81,7 @@ class TestPlan:
             "files.py",
             "errors.py",
             "properties.py",
+            "system.py",
             "version.py",
         )
         decides = {path for pattern in DECIDING for path in PACKAGE.glob(pattern)}

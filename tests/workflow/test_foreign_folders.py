@@ -162,7 +162,13 @@ def timeout():
     signal.signal(signal.SIGALRM, before)
 
 
-@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize(
+    "attack",
+    [
+        pytest.param(each, marks=[pytest.mark.posix] * ("pipe" in each))
+        for each in ATTACKS
+    ],
+)
 def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
     """After a kill, so that it is swept too; with a new title and levels, so that all is made."""
     folder = Folder(tmp_path, made)

@@ -33,7 +33,7 @@ from archfrag.study.answer.fits import in_unit, updated_fits
 from archfrag.study.answer.rates import losses_of, risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.hazard import load_hazard
-from archfrag.study.provenance import CUBE, REPORT_FILES, finite
+from archfrag.study.provenance import CUBE, NETCDF, REPORT_FILES, finite
 from archfrag.study.steps import finished
 
 members_option = option("--members", bool, "Include the arches of classes as well.")
@@ -358,7 +358,8 @@ def _facts(path: Path) -> Named:
     InputError if the file is no cube of archfrag.
     """
     try:
-        with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
+        # A pipe would be waited for.
+        with opened(path), NETCDF, xr.open_dataset(path) as cube:
             stated = cube.attrs
             level = cube["intensity"]
             verdict = cube["verdict"]

@@ -28,7 +28,7 @@ from archfrag.files import Named, counted, number, opened, relative_path, write_
 from archfrag.motions import selection, synthetic
 from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.fetch import fetch_records
-from archfrag.motions.formats import TEXT, one_reader, recognise
+from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import goes_with_records, index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import inspect_record, read_horizontals
@@ -205,25 +205,21 @@ def _measured(
         )
     verticals = vertical_files(sorted(files))
     tables = []
-    with one_reader():
-        for file in (file for file in dict.fromkeys(files) if file not in verticals):
-            options = _reading(file, reading)
-            name = relative_path(file, out.parent)
-            motions = [
-                motion.stating(file=name)
-                for motion in read_horizontals(file, **options)
-            ]
-            how = {
-                "unit": options["unit"],
-                "accept": " ".join(options["accept"]),
-                "columns": str(options["columns"] or ""),
-            }
-            table = selection.measure_records(
-                motions, sorted({*selection.PERIODS, *more})
-            )
-            tables.append(
-                table.assign(**{key: value for key, value in how.items() if value})
-            )
+    for file in (file for file in dict.fromkeys(files) if file not in verticals):
+        options = _reading(file, reading)
+        name = relative_path(file, out.parent)
+        motions = [
+            motion.stating(file=name) for motion in read_horizontals(file, **options)
+        ]
+        how = {
+            "unit": options["unit"],
+            "accept": " ".join(options["accept"]),
+            "columns": str(options["columns"] or ""),
+        }
+        table = selection.measure_records(motions, sorted({*selection.PERIODS, *more}))
+        tables.append(
+            table.assign(**{key: value for key, value in how.items() if value})
+        )
     return pd.concat(tables, ignore_index=True)
 
 

@@ -59,10 +59,11 @@ def _sources(study: StudyKeys, cube: xr.Dataset) -> Iterator[Named]:
     kind = {"type": "dataset", "component": "hazard"}
     if study.risk:
         yield {"id": "hazard curve", "name": Path(study.risk.hazard).name, **kind}
-    terms = _terms(study.motions.index or "")
     names = ("record", "record_file", "record_sha256")
-    known = [cube[name].values.tolist() for name in names if name in cube]
-    for record, file, digest in zip(*known) if known[2:] else ():
+    if not {*names} <= {*cube.variables}:
+        return
+    terms = _terms(study.motions.index or "")
+    for record, file, digest in zip(*(cube[name].values.tolist() for name in names)):
         about = {"id": f"record {record}", "name": file, "license": terms.get(record)}
         about |= {"description": f"Ground motion, SHA-256 {digest}", **kind}
         yield {key: text for key, text in about.items() if text}

@@ -30,6 +30,7 @@ _BLOCK = 500  # draws of neighbouring beta, within which thetas of several state
 _FEWEST = 100.0  # effective number of draws
 _UNMOVED = 0.98  # effective share of the draws
 _LEAST_OWN = 0.05  # dispersion of an arch's own, over beta
+_THETA = 1e-9, 1e9  # draws beyond are moved there
 _NARROW = 1e-4  # scatter of ln beta that is added, for a beta that is known
 
 
@@ -112,7 +113,7 @@ def _drawn(states: Sequence[Curve]) -> Pair:
             order = np.lexsort([generator.random(number), np.argsort(order) // _BLOCK])
         theta = theta[order]
         beta = beta[order] * np.exp(_NARROW * generator.standard_normal(number))
-        columns.append(np.log(theta))
+        columns.append(np.log(np.clip(theta, *_THETA)))
     log_theta = np.stack(columns, axis=1)
     kept = (np.diff(log_theta, axis=1) > 0.0).all(axis=1)
     if kept.sum() < _FEWEST:

@@ -14,7 +14,6 @@ import numpy as np
 from archfrag.errors import InputError, RecordError
 from archfrag.files import (
     Named,
-    check_decimals,
     number,
     opened,
     parse_table,
@@ -217,8 +216,7 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
     """Return the columns of an index, and its rows with the numbers of their lines."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
     try:
-        _, names, rows = parse_table(text, comments=False)
-        check_decimals((line, cell) for line, cells in rows for cell in cells)
+        names, rows = parse_table(text, comments=False)
     except InputError as error:
         raise RecordError(f"{source}: {error}") from None
     names = ["level" if name.casefold() == "level" else name for name in names]
@@ -252,7 +250,8 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
     """
     with contextlib.suppress(OSError):
         with opened(index) as file:
-            head = file.readline(10_000).decode("latin-1")
+            lines = (file.readline(10_000) for _ in range(2))  # of Excel the second
+            head = b"".join(lines).decode("latin-1")
         # Other programs have a file of this name, too.
         if set(_NEEDED) <= set(re.findall(r"\w+", head)):
             rows = reversed(load_index(index))

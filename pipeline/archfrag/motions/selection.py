@@ -5,6 +5,7 @@ Records are selected so that their spectra are distributed as a target's. Spectr
 are in g here, as in flatfiles and ground-motion models.
 """
 
+import csv
 import io
 import os
 import re
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import (
     Named,
-    check_decimals,
     number,
     parse_table,
     read_text,
@@ -144,17 +144,17 @@ def read_table(path: str | Path, what: str, **form) -> pd.DataFrame:
     """
     text = read_text(Path(path), LARGEST_TABLE, InputError, what)
     try:
-        separator, names, rows = parse_table(text, comments=False)
-        check_decimals((line, cell) for line, cells in rows for cell in cells)
+        names, rows = parse_table(text, comments=False)
         for head, (name, unit) in zip(names, map(stated_unit, names)):
             if unit is not None and re.fullmatch(_FIXED, name):
                 raise InputError(
                     f"column {head!r}: Sa is in g, periods in s and sd of ln Sa; write its name "
                     "without a unit"
                 )
-        table = pd.read_csv(
-            io.StringIO(text), sep=separator, skipinitialspace=True, **form
-        )
+        plain = io.StringIO()
+        csv.writer(plain).writerows([names, *(cells for _, cells in rows)])
+        plain.seek(0)
+        table = pd.read_csv(plain, **form)
         for place, kind in enumerate(table.dtypes):
             for _, cells in rows:
                 cell = cells[place] if kind.kind in "iuf" and cells[place:] else ""

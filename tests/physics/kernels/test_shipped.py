@@ -125,7 +125,7 @@ def test_shipped_code_that_cannot_be_used_is_compiled_with_a_word(
     files = damaged()
     compiled = []
 
-    def compile_set(entries):
+    def compile_set(entries, target):
         compiled.append(entries)
         return [], llvm.parse_assembly("").as_bitcode()
 

@@ -8,10 +8,11 @@ reads is read in another process, which a damaged file may end.
 
 import contextlib
 import functools
+import os
 import re
 import warnings
 from codecs import BOM_UTF8
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -36,12 +37,9 @@ IN_C = (
     "GSE1",
     "GCF",
 )  # damaged files have crashed these readers of obspy
-COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 _entry_points = functools.cache(
     entry_points
 )  # a look-up reads the metadata of all packages
-MEMORY = 2**30  # [bytes] of memory of that process
-_shared = list[Limited]()  # processes of the blocks of `one_reader`
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -157,11 +155,11 @@ def _compare_times(path: str, trace: Trace) -> None:
 def read_apart(path: str) -> list[Trace]:
     """Read a file by a reader in C, in another process; return [] if it has no such format.
 
-    RecordError if that process crashes, takes too long or takes too much memory.
+    The process reads all such files. RecordError if a file makes it crash, takes too long or takes
+    too much memory; the next file then has a new process.
     """
     try:
-        with contextlib.nullcontext() if _shared else one_reader():
-            return _shared[-1].ask(path)
+        return READER.ask((os.getcwd(), path))
     except LimitedError as error:
         raise RecordError(
             f"{path}: reading it failed ({error}); the file is damaged or has another format than "
@@ -169,22 +167,16 @@ def read_apart(path: str) -> list[Trace]:
         ) from None
 
 
-@contextlib.contextmanager
-def one_reader() -> Iterator[None]:
-    """Let all files of a ``with`` block that need a reader in C be read in one process.
+def read_in_c(place: tuple[str, str]) -> list[Trace]:
+    """Read a file by a reader in C in this process, which a damaged file may end.
 
-    Without such a block each file has a process of its own.
+    `place` is the folder that a relative path starts from, and the path.
     """
-    process = Limited(f"{__name__}:read_in_c", COMPUTING_TIME, MEMORY)
-    _shared.append(process)
-    try:
-        yield
-    finally:
-        _shared.remove(process)
-        process.close()
-
-
-def read_in_c(path: str) -> list[Trace]:
-    """Read a file by a reader in C in this process, which a damaged file may end."""
+    folder, path = place
+    os.chdir(folder)
     name = recognise(path, IN_C)
     return read_as(path, name) if name else []
+
+
+# At most a minute of computing a file, and 1 GiB.
+READER = Limited(f"{__name__}:{read_in_c.__name__}", 60.0, 2**30)

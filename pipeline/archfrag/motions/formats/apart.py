@@ -1,5 +1,6 @@
 """Functions called in another process, which may end without harm to this one."""
 
+import atexit
 import contextlib
 import os
 import pickle
@@ -48,6 +49,7 @@ class Limited:
                     self._process = start_python(
                         "-c", CHILD, self.function, stdout=subprocess.PIPE
                     )
+                    atexit.register(self.close)
                     _received(self._process)  # once it is ready
                 with every(CHECKED, self._check(self._process, ended)):
                     _send(self._process, request)
@@ -78,6 +80,7 @@ class Limited:
 
     def close(self) -> None:
         """End the process, if it was started."""
+        atexit.unregister(self.close)
         process, self._process = self._process, None
         if process is not None:
             process.kill()

@@ -116,7 +116,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     lines = [
         (place, line.split("#")[0])
         for place, line in enumerate(text.lines, 1)
-        if place > columns.skip and not line.lstrip().startswith(("#", "%"))
+        if place > columns.skip and not line.lstrip().startswith(("#", "%", "sep="))
     ]
     named = (columns.time, columns.acceleration, columns.vertical)
     chosen = [column - 1 for column in named if column]

@@ -20,6 +20,7 @@ from archfrag.physics.kernels.load import (
     PROCESSOR,
     SHIPPED,
     as_tuples,
+    compiled_for,
     is_ready,
     make_ready,
 )
@@ -78,7 +79,8 @@ def build(folder: Path = SHIPPED) -> None:
     )
     folder.mkdir(exist_ok=True)
     for name, entries in json.loads(used).items():
-        offers, code = compile_set((kernel, as_tuples(key)) for kernel, key in entries)
+        called = ((kernel, as_tuples(key)) for kernel, key in entries)
+        offers, code = compile_set(called, compiled_for())
         header = json.dumps(
             [source_hash(), offers, hashlib.sha256(code).hexdigest()]
         ).encode()

@@ -14,7 +14,6 @@ from numba.core.registry import cpu_target
 from numba.extending import lower_builtin, models, register_model, typeof_impl
 
 from archfrag.physics.kernels import lower
-from archfrag.physics.kernels.load import PROCESSOR, has_common_features, machine
 from archfrag.physics.kernels.structs import Source
 
 
@@ -113,13 +112,13 @@ def _compiled(kernel: Source, args: tuple[Any, ...]) -> Version:
     return Version(name, returned, described, code, frozenset(calls), library.libraries)
 
 
-def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
+def compile_set(entries: Iterable[tuple[str, Any]], target) -> tuple[list[Any], bytes]:
     """Compile a set of kernels; return a list of what was compiled, and LLVM's bitcode.
 
     `entries` are pairs: a kernel's name ("module:function"), and descriptions of its arguments. An
     item of the list is [name, descriptions, symbol in the code, description of the result].
-    Entries that no longer exist in the source are left out. The code is optimised for `PROCESSOR`
-    if this machine has its features, so that all such machines give the same bits.
+    Entries that no longer exist in the source are left out. The code is optimised for `target`,
+    LLVM's description of a machine.
     """
     offers = []
     versions = []
@@ -138,7 +137,7 @@ def compile_set(entries: Iterable[tuple[str, Any]]) -> tuple[list[Any], bytes]:
         versions.append(version)
         offers.append([name, key, version.name, lower.description_of(version.returned)])
     whole = _linked(versions)
-    _optimise(whole)
+    _optimise(whole, target)
     return offers, whole.as_bitcode()
 
 
@@ -182,10 +181,9 @@ def _is_known(name: str) -> bool:
     return name.startswith("llvm.") or llvm.address_of_symbol(name) is not None
 
 
-def _optimise(module) -> None:
+def _optimise(module, target) -> None:
     tuning = llvm.create_pipeline_tuning_options(2)
     tuning.loop_vectorization = tuning.slp_vectorization = True
-    target = machine(PROCESSOR) if has_common_features() else machine()
     passes = llvm.create_pass_builder(target, tuning)
     passes.getModulePassManager().run(module, passes)
 

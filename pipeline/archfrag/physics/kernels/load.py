@@ -54,6 +54,14 @@ def can_use_shipped() -> bool:
     return has_common_features() or llvm.get_process_triple().startswith(ARM)
 
 
+def compiled_for():
+    """Return LLVM's description of `PROCESSOR`, so that all machines like it give the same bits.
+
+    It is of this machine's processor if that has not all features of `PROCESSOR`.
+    """
+    return machine(PROCESSOR) if has_common_features() else machine()
+
+
 @functools.cache
 def machine(processor: str = ""):
     """Return LLVM's description of `processor`, or of this machine's processor if it is empty."""
@@ -179,7 +187,7 @@ def _made(name: str, entries) -> tuple[Any, bytes]:
         if module is None:
             from archfrag.physics.kernels.compile import compile_set
 
-            offers, code = compile_set(entries)
+            offers, code = compile_set(entries, compiled_for())
             module = llvm.parse_bitcode(code)
         content = offers, target.emit_object(module)
         if path is not None:

@@ -155,7 +155,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table"
     )
     with at(place):
-        table = table_of(text, commas=False)
+        table = table_of(text)
         if "id" not in table or table.empty:
             raise InputError("must have arches and a column id")
         table.columns = table.columns.map(_key_or_attribute)

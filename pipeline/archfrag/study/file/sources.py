@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import Named, sha256_of
+from archfrag.files import Named, portable, sha256_of
 from archfrag.motions import index, partners, read
 from archfrag.motions.channel import VERTICAL
-from archfrag.motions.formats import one_reader
 from archfrag.motions.formats.columns import parse_columns
 from archfrag.motions.motion import Motion, with_component
 from archfrag.motions.partners import folder_names
@@ -174,7 +173,7 @@ def _matching(text: str) -> list[Path]:
     pattern = Path(text)
     if not glob.has_magic(text) or pattern.is_file():
         return [pattern]
-    place = str(pattern.parent)
+    place = portable(str(pattern.parent))
     name = re.compile(fnmatch.translate(pattern.name), re.I)
     folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
     paths = sorted(
@@ -255,11 +254,10 @@ def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
     """Yield the motions that a study asks for, read and processed one after the other."""
     steps = dict(asked.steps)
     chosen = steps.get("choose", {}).get("components", ())
-    with one_reader():
-        recordings = _read(find_sources(asked, measure), chosen)
-        yield from _name(
-            _pair(recordings, _needed(asked, measure), "rotate" in steps), asked
-        )
+    recordings = _read(find_sources(asked, measure), chosen)
+    yield from _name(
+        _pair(recordings, _needed(asked, measure), "rotate" in steps), asked
+    )
 
 
 def _read(
