@@ -183,7 +183,9 @@ class TestFourLink:
                 spin = push[:, 2] + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
                 momentum[k] = [*push[:, :2].sum(0), spin.sum()]
             rows = hinge_matrix(np.array([part[2] for part in parts]), pins)
-            system = np.block([[np.diag(m / m.max()), -rows.T], [rows, np.zeros((8, 8))]])
+            system = np.block(
+                [[np.diag(m / m.max()), -rows.T], [rows, np.zeros((8, 8))]]
+            )
             right = np.concatenate([momentum.ravel() / m.max(), np.zeros(8)])
             after = np.linalg.lstsq(system, right, rcond=None)[0][2]
             speed = speed_after_impact(mass, unit, before)
