@@ -49,6 +49,9 @@ def help_lines(thing):
     """Lines of a screen that `help` fills, of a class up to its methods."""
     text = pydoc.plain(pydoc.render_doc(thing)).rstrip()
     head = re.split(r" \|  (?:Class m|Static m|M)ethods defined here:", text)[0]
+    # Since 3.13 each parameter of a long signature has a line of its own.
+    if found := re.search(r"\(\n.*?\n[ |]*\)", head, re.S):
+        head = head.replace(found[0], re.sub(r"\n[ |]*", " ", found[0]))
     return sum(
         max(1, -(-len(line) // SCREEN[1])) for line in head.rstrip(" |\n").split("\n")
     )

@@ -183,8 +183,10 @@ class TestFourLink:
                 spin = push[:, 2] + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
                 momentum[k] = [*push[:, :2].sum(0), spin.sum()]
             rows = hinge_matrix(np.array([part[2] for part in parts]), pins)
-            system = np.block([[np.diag(m), -rows.T], [rows, np.zeros((8, 8))]])
-            right = np.concatenate([momentum.ravel(), np.zeros(8)])
+            system = np.block(
+                [[np.diag(m / m.max()), -rows.T], [rows, np.zeros((8, 8))]]
+            )
+            right = np.concatenate([momentum.ravel() / m.max(), np.zeros(8)])
             after = np.linalg.lstsq(system, right, rcond=None)[0][2]
             speed = speed_after_impact(mass, unit, before)
             assert speed * unit[joints[0], 2] == pytest.approx(after, rel=1e-6)
