@@ -4,6 +4,7 @@ Where a system lacks something (owners of files, pipes that do not block), its p
 """
 
 import contextlib
+import errno
 import os
 import signal
 import socket
@@ -35,7 +36,8 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _HAS_OWNERS = hasattr(os, "getuid")
 WAITED = 2.0  # for another program to close a file that is to be replaced [s]
 GRACE = 4.0  # after a signal, for the process to end by itself [s]
-CHECKED = 0.05  # between two looks at what a limited process uses [s]
+TRIED = 0.05  # between two attempts to replace a file [s]
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of a file system
 # Names that Windows keeps for devices, whatever their ending.
 DEVICES = {"con", "prn", "aux", "nul", "conin$", "conout$"} | {
     f"{name}{number}" for name in ("com", "lpt") for number in range(1, 10)
@@ -66,7 +68,7 @@ def replace(source: Path, target: Path) -> None:
         except PermissionError:
             if not _is_waited_for(target) or time.monotonic() > until:
                 raise
-            time.sleep(CHECKED)
+            time.sleep(TRIED)
 
 
 def _is_waited_for(target: Path) -> bool:
@@ -83,20 +85,27 @@ def is_alive(process: int) -> bool:
 def locked(path: Path) -> Iterator[bool]:
     """Hold the lock at `path` during the block, which gets False if another process holds it.
 
-    The system releases it whatever ends the process. A file system without locks gives none.
-    OSError if the file cannot be opened.
+    The system releases it whatever ends the process. On a file system without locks it is not
+    held, or a file takes its place. OSError if the file cannot be opened.
     """
+    with contextlib.suppress(FileNotFoundError):
+        if (
+            os.lstat(path).st_nlink > 1
+        ):  # it is a file of somebody else too, and may be emptied
+            os.unlink(path)
     lock = filelock.FileLock(path, blocking=False)
+    ours = True
     try:
         lock.acquire()
     except filelock.Timeout:
-        yield False
-        return
+        ours = False
     except NotImplementedError:
-        yield True
-        return
+        pass
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
     try:
-        yield True
+        yield ours
     finally:
         lock.release()
 

@@ -8,6 +8,7 @@ import time
 import psutil
 import pytest
 
+from archfrag.motions.formats import apart
 from archfrag.motions.formats.apart import Limited, LimitedError
 
 WORKER = """
@@ -82,3 +83,42 @@ def test_a_limited_process_ends_with_the_one_that_started_it(worker, tmp_path):
     first.kill()
     first.wait()
     assert psutil.wait_procs([helper], timeout=5.0)[1] == []
+
+
+def test_an_answer_that_was_not_waited_for_is_not_the_next_one(worker, monkeypatch):
+    """Ctrl-C in a notebook comes between a request and its answer."""
+    worker.ask("first")
+    receive = apart._received
+
+    def interrupted(process):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(apart, "_received", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        worker.ask("second")
+    monkeypatch.setattr(apart, "_received", receive)
+    assert worker.ask("third") == "third"
+
+
+def test_a_process_that_was_killed_while_it_waited_is_no_fault_of_the_next_request(
+    worker,
+):
+    worker.ask("first")
+    worker._process.kill()
+    worker._process.wait()
+    assert worker.ask("second") == "second"
+
+
+@pytest.mark.posix
+def test_a_fork_has_a_process_of_its_own_and_leaves_that_of_its_parent(worker):
+    """As in a pool of `multiprocessing` by fork: both would read the same answers."""
+    worker.ask("first")
+    before = worker._process.pid
+    child = os.fork()
+    if child == 0:
+        good = worker.ask("child") == "child" and worker._process.pid != before
+        worker.close()
+        os._exit(0 if good else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert worker.ask("parent") == "parent"
+    assert worker._process.pid == before

@@ -1,5 +1,6 @@
 """Batches on threads: the same results whatever their number, and signals survived."""
 
+import errno
 import io
 import os
 import re
@@ -258,6 +259,15 @@ class TestStop:
         process.send_signal(signal.SIGTERM)
         assert process.wait(5.0) == 128 + signal.SIGTERM
         process.communicate()
+
+
+def test_a_file_system_that_grants_no_locks_does_without(copied, monkeypatch):
+    def none(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with only_run(copied.study), only_run(copied.study):
+        pass
 
 
 @pytest.mark.filterwarnings("ignore:flock not supported")

@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import Any
 
 import lazy_loader
+import numpy as np
 
 from archfrag.system import every, start_python
 
@@ -30,7 +31,7 @@ class Limited:
     """Another process of this Python that answers requests by a function, within limits.
 
     `function` is "module:name". The process starts with the first request. It is limited to
-    `seconds` of processor time for each, and to `memory` bytes.
+    `seconds` of processor time and `memory` bytes more for each.
     """
 
     def __init__(self, function: str, seconds: float, memory: float) -> None:
@@ -38,6 +39,7 @@ class Limited:
         self.seconds = seconds
         self.memory = memory
         self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0  # number of the process that started it
         self._one_at_a_time = threading.Lock()
 
     def ask(self, request) -> Any:
@@ -45,44 +47,54 @@ class Limited:
         with self._one_at_a_time:
             ended = [""]
             try:
-                if self._process is None:
-                    self._process = start_python(
-                        "-c", CHILD, self.function, stdout=subprocess.PIPE
-                    )
-                    atexit.register(self.close)
-                    _received(self._process)  # once it is ready
-                with every(CHECKED, self._check(self._process, ended)):
-                    _send(self._process, request)
-                    answer = _received(self._process)
+                process = self._running()
+                with every(CHECKED, self._check(process, ended)):
+                    _send(process, request)
+                    answer = _received(process)
             except (EOFError, OSError, pickle.UnpicklingError):
                 self.close()
                 raise LimitedError(ended[0] or "it ended in a crash") from None
+            except BaseException:  # Ctrl-C: the next request must not get this answer
+                self.close()
+                raise
         if isinstance(answer, Exception):
             raise answer
         return answer
+
+    def _running(self) -> "subprocess.Popen[bytes]":
+        """Return the process, started if there is none of this process that lives."""
+        if self._process is not None and self._owner == os.getpid():
+            if self._process.poll() is None:
+                return self._process
+            self.close()
+        self._owner = os.getpid()
+        self._process = start_python("-c", CHILD, self.function, stdout=subprocess.PIPE)
+        atexit.register(self.close)
+        _received(self._process)  # once it is ready
+        return self._process
 
     def _check(
         self, process: "subprocess.Popen[bytes]", ended: list[str]
     ) -> Callable[[], None]:
         """Return a function that ends the process beyond a limit, and tells `ended` why."""
-        begun = _seconds_of(process)
+        begun = _used(process)
 
         def check() -> None:
-            with contextlib.suppress(psutil.Error):
-                if _seconds_of(process) - begun > self.seconds:
-                    ended[0] = f"it took more than {self.seconds:g} s of computing"
-                elif psutil.Process(process.pid).memory_info().rss > self.memory:
-                    ended[0] = f"it took more than {self.memory / 2**20:.0f} MiB"
-                if ended[0]:
-                    process.kill()
+            seconds, memory = np.subtract(_used(process), begun)
+            if seconds > self.seconds:
+                ended[0] = f"it took more than {self.seconds:g} s of computing"
+            elif memory > self.memory:
+                ended[0] = f"it took more than {self.memory / 2**20:.0f} MiB"
+            if ended[0]:
+                process.kill()
 
         return check
 
     def close(self) -> None:
-        """End the process, if it was started."""
+        """End the process, if it was started by this process and not by its parent."""
         atexit.unregister(self.close)
         process, self._process = self._process, None
-        if process is not None:
+        if process is not None and self._owner == os.getpid():
             process.kill()
             process.communicate()
 
@@ -98,11 +110,12 @@ def _received(process: "subprocess.Popen[bytes]") -> Any:
     return pickle.load(process.stdout)
 
 
-def _seconds_of(process: "subprocess.Popen[bytes]") -> float:
-    """Return the processor time of another process [s]; that of one that has ended is 0."""
+def _used(process: "subprocess.Popen[bytes]") -> tuple[float, float]:
+    """Return processor time [s] and memory [bytes] of a process; 0 if it has ended."""
     with contextlib.suppress(psutil.Error):
-        return sum(psutil.Process(process.pid).cpu_times()[:2])
-    return 0.0
+        found = psutil.Process(process.pid)
+        return sum(found.cpu_times()[:2]), float(found.memory_info().rss)
+    return 0.0, 0.0
 
 
 def answer_requests() -> None:
