@@ -278,11 +278,11 @@ def update(
 ) -> None:
     """Update the curve of a finished STUDY by damage that was seen.
 
-    Nothing of the study changes. DAMAGE is a CSV file with
-    a row for each arch: `state` (survived, collapsed or a limit state), `median` intensity in the
-    study's unit, `tau` and `phi` (standard deviations of its ln between and within earthquakes) or
-    `sd` for both; `lon` and `lat` for several places, `event` for several earthquakes. Stations
-    have lon, lat, median, tau, phi, event, and what they `observed`.
+    Nothing of the study changes. DAMAGE is a CSV file with a row for each arch: `state` (survived,
+    collapsed or a limit state), `median` intensity in the study's unit, `tau` and `phi` (standard
+    deviations of its ln between and within earthquakes) or `sd` for both; `lon` and `lat` for
+    several places, `event` for several earthquakes. Stations have lon, lat, median, tau, phi,
+    event, and what they `observed`.
 
     \b
     Example:

@@ -389,28 +389,7 @@ def curve_tables(
                 "probability": fit.probability(levels),
             }
             points.append(pd.DataFrame(labels | of_levels))
-            likelihood = found.likelihood or Curve()
-            theta_lower, theta_upper = np.divide(found.theta_interval, factor)
-            beta_lower, beta_upper = found.beta_interval
-            error_theta, error_beta = fit.standard_errors
-            values = {
-                "theta": fit.theta / factor,
-                "theta_si": fit.theta,
-                "beta": fit.beta,
-                "theta_lower": theta_lower,
-                "theta_upper": theta_upper,
-                "beta_lower": beta_lower,
-                "beta_upper": beta_upper,
-                "theta_maximum_likelihood": likelihood.theta / factor,
-                "beta_maximum_likelihood": likelihood.beta,
-                "standard_error_ln_theta": error_theta,
-                "standard_error_beta": error_beta,
-                "correlation_ln_theta_beta": fit.correlation,
-                "runs": fit.n_total,
-                "kind": fit.kind,
-                "band": found.method,
-            }
-            parameters.append(labels | values)
+            parameters.append(labels | _parameters_of(fit, found, factor))
     tables = dict[str, Pieces]()
     frames = {
         "curves": points or [pd.DataFrame()],
@@ -425,6 +404,34 @@ def curve_tables(
         }
         tables[name] = about, [each.reindex(columns=list(about)) for each in pieces]
     return tables
+
+
+def _parameters_of(fit: Curve, fitted: Curve, factor: float) -> Named:
+    """Return the row of a curve in the table of parameters, without its names.
+
+    `fitted` is the curve before it was moved; `factor` is as for `curve_tables`.
+    """
+    likelihood = fitted.likelihood or Curve()
+    theta_lower, theta_upper = np.divide(fitted.theta_interval, factor)
+    beta_lower, beta_upper = fitted.beta_interval
+    error_theta, error_beta = fit.standard_errors
+    return {
+        "theta": fit.theta / factor,
+        "theta_si": fit.theta,
+        "beta": fit.beta,
+        "theta_lower": theta_lower,
+        "theta_upper": theta_upper,
+        "beta_lower": beta_lower,
+        "beta_upper": beta_upper,
+        "theta_maximum_likelihood": likelihood.theta / factor,
+        "beta_maximum_likelihood": likelihood.beta,
+        "standard_error_ln_theta": error_theta,
+        "standard_error_beta": error_beta,
+        "correlation_ln_theta_beta": fit.correlation,
+        "runs": fit.n_total,
+        "kind": fit.kind,
+        "band": fitted.method,
+    }
 
 
 def more_frames(

@@ -21,6 +21,12 @@ _LARGEST = 100_000_000  # [bytes] of a file
 _SHAKING = ["median", "tau", "phi"]
 _PLACE = ["lon", "lat"]
 _KNOWN = ["state", "observed", "sd", "event", *_SHAKING, *_PLACE]
+# Least and largest value of a column; those of intensities are in the unit of the curve.
+_BOUNDS = (
+    dict.fromkeys(("median", "observed"), (1e-9, 1e9))
+    | dict.fromkeys(("sd", "tau", "phi"), (0.0, 5.0))
+    | {"lon": (-360.0, 360.0), "lat": (-90.0, 90.0)}
+)
 _TO_PLANE = 111.195  # km of a degree of a great circle
 # Units of ShakeMap's grids in SI units.
 _UNITS = {"pctg": 0.0980665, "%g": 0.0980665, "cms": 0.01, "cm/s": 0.01}
@@ -87,33 +93,59 @@ def damage_of(
 
 
 def _table(given: Observed, curve: Curve) -> pd.DataFrame:
-    """Return a table with numbers, and an event in each row."""
+    """Return a table with numbers, and an event in each row; its attribute `place` names it."""
+    place = "the table"
     if isinstance(given, str | os.PathLike):
-        table = table_of(read_text(Path(given), _LARGEST, InputError, "the table"))
+        place = f"the table {given}"
+        text = read_text(Path(given), _LARGEST, InputError, "the table")
+        try:
+            table = table_of(text)
+        except InputError as error:
+            raise InputError(f"{place}: {error}") from None
     else:
         table = pd.DataFrame(given).astype(str)
+    if table.empty:
+        raise InputError(f"{place} has no rows; give one for each arch or station")
     heads = [stated_unit(str(head).strip()) for head in table]
     table = table.set_axis([name for name, _ in heads], axis=1).reset_index(drop=True)
     for name, unit in heads:
-        twice = [*table].count(name) > 1
-        if twice or name not in _KNOWN or unit not in (None, curve.unit):
-            raise InputError(
-                f"column {name} [{unit or '1'}] is not known or is there twice; known are "
-                f"{', '.join(_KNOWN)}, intensities in {curve.unit}"
-            )
-        if name in ("state", "event"):
-            continue
-        try:
-            values = table[name].map(number)
-        except ValueError as error:
-            raise InputError(f"column {name}: {error}") from None
-        least = {"median": 1e-9, "observed": 1e-9, "lon": -360.0, "lat": -90.0}
-        if not values.between(least.get(name, 0.0), 1e9).all():
-            raise InputError(f"column {name} holds {values.min():g}, which cannot be")
-        table[name] = values
-    if table.empty:
-        raise InputError("the table has no rows")
+        _check_head([*table], name, unit, curve, place)
+        if name not in ("state", "event"):
+            table[name] = _numbers(table[name], place)
+    table.attrs["place"] = place
     return table if "event" in table else table.assign(event="")
+
+
+def _check_head(
+    names: list[str], name: str, unit: str | None, curve: Curve, place: str
+) -> None:
+    """Raise InputError unless a column is known, there once, and in the unit of the curve."""
+    why = ""
+    if name not in _KNOWN:
+        why = f"is not known; known are {', '.join(_KNOWN)}"
+    elif names.count(name) > 1:
+        why = "is there twice; leave one out"
+    elif unit not in (None, curve.unit):
+        why = (
+            f"is in {unit}; intensities must be in {curve.unit}, the unit of the curve"
+        )
+    if why:
+        raise InputError(f"{place}: column {name!r} {why}")
+
+
+def _numbers(cells: pd.Series, place: str) -> pd.Series:
+    """Return the numbers of a column; InputError for what cannot be one of it."""
+    low, high = _BOUNDS[str(cells.name)]
+    for cell in cells:
+        try:
+            good = low <= number(cell) <= high
+        except ValueError as error:
+            raise InputError(f"{place}: column {cells.name!r}: {error}") from None
+        if not good:
+            raise InputError(
+                f"{place}: column {cells.name!r} has {cell}; from {low:g} to {high:g} is allowed"
+            )
+    return cells.map(number)
 
 
 def _complete(
@@ -135,7 +167,7 @@ def _complete(
     for name in names:
         if name not in table:
             raise InputError(
-                f"a table has columns {', '.join(table.columns)} and no column {name}; it needs "
+                f"{table.attrs['place']} has no column {name!r}; it needs "
                 f"{', '.join(names)} (tau and phi: standard deviations of ln intensity between "
                 "and within earthquakes)"
             )
@@ -152,8 +184,10 @@ def _states(words: pd.Series, curve: Curve) -> tuple[IntArray, list[Curve]]:
     number_of |= {each.state: i for i, each in enumerate(curves, 1)}
     found = words.str.strip().str.replace("_", " ").map(number_of)
     if found.isna().any():
+        word = words[found.isna()].iloc[0]
         raise InputError(
-            f"state {words[found.isna()].iloc[0]!r} is not known; known are {', '.join(number_of)}"
+            f"{words.attrs['place']}: column 'state' has {word!r}, which is not known; known are "
+            f"{', '.join(number_of)}"
         )
     used = sorted({*found[found > 0], last})
     return np.searchsorted(used, found, side="right"), [

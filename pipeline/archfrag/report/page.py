@@ -417,6 +417,23 @@ def _motion_table(inputs: ReportInputs) -> Markup:
     return table(label, list(rows[0]), [[*row.values()] for row in rows], "dense")
 
 
+def _level_shown(inputs: ReportInputs) -> tuple[int, str]:
+    """Return the number of the level at which spectra are shown, and words on it."""
+    scale = inputs.scale
+    intensity = inputs.cube["intensity"].values
+    if intensity.ndim > 1:
+        return 0, "scaled as in the runs"
+    level = intensity.size // 2
+    why = "the middle level"
+    medians = thetas(inputs.answers.values())
+    if np.isfinite(medians).any():
+        away = np.log(intensity) - np.log(np.nanmedian(medians))
+        level = int(np.abs(away).argmin())
+        why = "the level nearest to the median capacity"
+    at = scale.text(scale.factor * intensity[level])
+    return level, f"scaled to {scale.measure} = {at}, {why}"
+
+
 @figure
 def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
     """Draw response spectra at 5 % damping, with their median and 16 to 84 %.
@@ -426,19 +443,7 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
     target, they are scaled as selected for it, and it is drawn too.
     """
     scale = inputs.scale
-    level = 0
-    words = "scaled as in the runs"
-    intensity = inputs.cube["intensity"].values
-    if intensity.ndim == 1:
-        medians = thetas(inputs.answers.values())
-        level = intensity.size // 2
-        why = "the middle level"
-        if np.isfinite(medians).any():
-            away = np.log(intensity) - np.log(np.nanmedian(medians))
-            level = int(np.abs(away).argmin())
-            why = "the level nearest to the median capacity"
-        at = scale.text(scale.factor * intensity[level])
-        words = f"scaled to {scale.measure} = {at}, {why}"
+    level, words = _level_shown(inputs)
     place = {"level": level, "arch": 0}
     chosen = inputs.cube["scale_factor"].isel(place, missing_dims="ignore").values
     if next(iter(inputs.fitted.runs.values())).by_level:
