@@ -99,8 +99,6 @@ def locked(path: Path) -> Iterator[bool]:
         lock.acquire()
     except filelock.Timeout:
         ours = False
-    except NotImplementedError:
-        pass
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
