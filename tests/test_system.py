@@ -75,3 +75,18 @@ def test_a_file_is_opened_without_its_line_ends_being_changed(tmp_path):
         file.write(b"a\r\n\x1ab")
     with system.open_to_read(path) as file:
         assert file.read() == b"a\r\n\x1ab"
+
+
+def test_threads_that_use_a_deferred_module_first_at_once_all_get_it():
+    """The loader of importlib (LazyLoader) gives some of them a module without its names."""
+    code = (
+        "import sys, threading; sys.setswitchinterval(1e-5); from archfrag import system\n"
+        "start = threading.Barrier(8); used = []\n"
+        "def use():\n"
+        "    start.wait(); system.filelock.FileLock; system.psutil.Process; used.append(1)\n"
+        "threads = [threading.Thread(target=use) for _ in range(8)]\n"
+        "[t.start() for t in threads]; [t.join() for t in threads]\n"
+        "print(len(used))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "8\n", done.stderr

@@ -15,14 +15,24 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-import lazy_loader
 
-filelock = lazy_loader.load("filelock")
-psutil = lazy_loader.load("psutil")
+class Deferred:
+    """A module that is imported when one of its names is first used, by whatever thread."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self._module), name)
+
+
+filelock = Deferred("filelock")
+psutil = Deferred("psutil")
 
 # Signals that ask a process to end; not every system has all.
 STOPPING = tuple(
@@ -89,9 +99,7 @@ def locked(path: Path) -> Iterator[bool]:
     held, or a file takes its place. OSError if the file cannot be opened.
     """
     with contextlib.suppress(FileNotFoundError):
-        if (
-            os.lstat(path).st_nlink > 1
-        ):  # it is a file of somebody else too, and may be emptied
+        if os.lstat(path).st_nlink > 1:  # a file of somebody else too, which may be emptied
             os.unlink(path)
     lock = filelock.FileLock(path, blocking=False)
     ours = True

@@ -12,12 +12,9 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-import lazy_loader
 import numpy as np
 
-from archfrag.system import every, start_python
-
-psutil = lazy_loader.load("psutil")
+from archfrag.system import every, psutil, start_python
 
 CHECKED = 0.05  # between two looks at what the process uses [s]
 CHILD = f"from {__name__} import answer_requests; answer_requests()"
