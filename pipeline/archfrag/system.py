@@ -99,7 +99,9 @@ def locked(path: Path) -> Iterator[bool]:
     held, or a file takes its place. OSError if the file cannot be opened.
     """
     with contextlib.suppress(FileNotFoundError):
-        if os.lstat(path).st_nlink > 1:  # a file of somebody else too, which may be emptied
+        if (
+            os.lstat(path).st_nlink > 1
+        ):  # a file of somebody else too, which may be emptied
             os.unlink(path)
     lock = filelock.FileLock(path, blocking=False)
     ours = True
