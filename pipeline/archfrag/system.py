@@ -99,9 +99,8 @@ def locked(path: Path) -> Iterator[bool]:
     held, or a file takes its place. OSError if the file cannot be opened.
     """
     with contextlib.suppress(FileNotFoundError):
-        if (
-            os.lstat(path).st_nlink > 1
-        ):  # a file of somebody else too, which may be emptied
+        # One with two names is a file of somebody else too; a lock may empty it.
+        if os.lstat(path).st_nlink > 1:
             os.unlink(path)
     lock = filelock.FileLock(path, blocking=False)
     ours = True
