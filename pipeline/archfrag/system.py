@@ -100,8 +100,8 @@ def locked(path: Path) -> Iterator[bool]:
     """
     with contextlib.suppress(FileNotFoundError):
         # One with two names is a file of somebody else too; a lock may empty it.
-        if os.lstat(path).st_nlink > 1:
-            os.unlink(path)
+        if path.lstat().st_nlink > 1:
+            path.unlink()
     lock = filelock.FileLock(path, blocking=False)
     ours = True
     try:
