@@ -181,7 +181,7 @@ class _Maker:
         """
         waiting = len(self._waiting)
         if self.plan.study.design.adaptive:
-            room = max(workers.count + workers.spare - len(self._chunks), 0)
+            room = max(workers.room - len(self._chunks), 0)
             size = min(-(-waiting // max(room, 1)), LARGEST_SHARE)
         else:
             room = waiting

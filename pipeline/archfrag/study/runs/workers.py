@@ -9,6 +9,7 @@ import socket
 import sys
 import threading
 import uuid
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from functools import cache, partial
@@ -20,11 +21,13 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
-from archfrag.simulation.simulate import results_of_runs
+from archfrag.physics.kernels.primitives import LANES
+from archfrag.physics.steps.run import PLACES
+from archfrag.simulation.simulate import Stream
 from archfrag.study.designs import Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
-from archfrag.study.runs.store import Plan, Table
+from archfrag.study.runs.store import ROW, Plan, Table
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -40,24 +43,135 @@ _identity = cache(store.code_identity)
 _ONE_AT_A_TIME = threading.Lock()  # Python's parser needs it, up to 3.11 at least
 
 
-def make_runs(plan: Plan, cases: Cases) -> Table:
+def make_runs(plan: Plan, cases: Cases, pool: "_Pool | None" = None) -> Table:
     """Make some runs of one arch and return their rows.
 
-    WorkerError if this process has other code than the one that made the plan.
+    They go side by side with runs of others that have the same `pool`. WorkerError if this process
+    has other code than the one that made the plan.
     """
     with _ONE_AT_A_TIME:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    runs = zip(
-        cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
-    )
-    motions, factors = zip(*(plan.ground(*run) for run in runs))
-    options = plan.study.method.model_dump()
-    options["method"] = options.pop("name")
-    arch = plan.arch(int(cases["arch"][0]))
-    results, wall_time, starts = results_of_runs(arch, motions, factors, **options)
-    return store.table_of(plan.keys(cases), results, wall_time, starts)
+    return (pool or _Pool(1)).make(plan, cases)
+
+
+class _Chunk:
+    """Runs of one arch that were asked for together, and their rows as they come."""
+
+    def __init__(self, plan: Plan, cases: Cases) -> None:
+        self.plan = plan
+        self.arch = int(cases["arch"][0])
+        self.records = cases["record"].tolist()
+        self.factors = plan.factors(cases).tolist()
+        self.keys = plan.keys(cases)
+        self.rows = np.zeros(len(cases), ROW)
+        self.left = len(cases)  # runs that have not ended
+
+
+class _Pool:
+    """Runs that threads make together, so that all lanes are full until the last runs.
+
+    A thread waits for its own runs; meanwhile it steps a stream, which takes whatever runs of its
+    arch wait. At most `threads` do so at once.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._threads = threads
+        self._busy = 0
+        self._changed = threading.Condition()
+        self._waiting = defaultdict[int, deque[tuple[_Chunk, int]]](deque)  # by arch
+        self._streams: list[tuple[int, Stream]] = []  # by arch; those that nobody steps
+        self._error: BaseException | None = None
+
+    def make(self, plan: Plan, cases: Cases) -> Table:
+        """Make runs of one arch; return their rows."""
+        chunk = _Chunk(plan, cases)
+        with self._changed:
+            self._waiting[chunk.arch] += ((chunk, row) for row in range(len(cases)))
+            self._changed.notify_all()
+        while chunk.left:
+            with self._changed:
+                self._changed.wait_for(lambda: not chunk.left or self._can_step())
+                if self._error:
+                    raise self._error
+                self._busy += 1
+            try:
+                self._step_until(chunk)
+            except BaseException as error:
+                self.end(error)
+            finally:
+                with self._changed:
+                    self._busy -= 1
+                    self._changed.notify_all()
+        return chunk.rows
+
+    def end(self, error: BaseException) -> None:
+        """Raise an error in all threads that wait for runs."""
+        with self._changed:
+            self._error = self._error or error
+            self._changed.notify_all()
+
+    def _can_step(self) -> bool:
+        room = self._busy < self._threads
+        return bool(self._error) or (room and self._has_work())
+
+    def _has_work(self) -> bool:
+        held = any(stream.held for _, stream in self._streams)
+        return held or any(self._waiting.values())
+
+    def _step_until(self, chunk: _Chunk) -> None:
+        """Step streams until all runs of a chunk have ended, or only others step them."""
+        while chunk.left and not self._error:
+            with self._changed:
+                if not self._has_work():
+                    return
+                arch, stream = self._take_stream()
+            if stream is None:
+                options = chunk.plan.study.method.model_dump()
+                options["method"] = options.pop("name")
+                stream = Stream(chunk.plan.arch(arch), **options)
+            while self._fill(arch, stream) and chunk.left and not self._error:
+                self._keep(*stream.go_on())
+            with self._changed:
+                self._streams.append((arch, stream))
+
+    def _take_stream(self) -> tuple[int, Stream | None]:
+        """Take a stream that nobody steps, of an arch whose runs wait if none has begun."""
+        asked = next((arch for arch, runs in self._waiting.items() if runs), -1)
+
+        def use(each: tuple[int, Stream]) -> tuple[bool, bool]:
+            return each[1].held > 0, each[0] == asked
+
+        best = max(self._streams, key=use, default=None)
+        if best is None or not any(use(best)):
+            del self._streams[self._threads :]
+            return asked, None
+        self._streams.remove(best)
+        return best
+
+    def _fill(self, arch: int, stream: Stream) -> int:
+        """Let a stream take waiting runs of its arch; return how many it holds then."""
+        with self._changed:
+            waiting = self._waiting[arch]
+            ahead = len(waiting) // (2 * stream.lanes * self._threads)
+            room = min(stream.lanes + ahead, PLACES) - stream.held
+            taken = [waiting.popleft() for _ in range(min(room, len(waiting)))]
+        for chunk, row in taken:
+            moved = chunk.plan.ground(arch, chunk.records[row], chunk.factors[row])
+            stream.add((chunk, row), *moved)
+        return stream.held
+
+    def _keep(self, ended: list[tuple[_Chunk, int]], *results) -> None:
+        """Give the rows of runs that have ended to their chunks."""
+        keys = np.array([chunk.keys[row] for chunk, row in ended], ROW["key"])
+        table = store.table_of(keys, *results)
+        with self._changed:
+            for (chunk, row), made in zip(ended, table):
+                chunk.rows[row] = made
+                chunk.left -= 1
+            if not all(chunk.left for chunk, _ in ended):
+                self._changed.notify_all()
 
 
 def describe_code() -> str:
@@ -72,24 +186,26 @@ def describe_code() -> str:
 class Threads:
     """Workers that are threads of this process.
 
-    Kernels run in parallel on them, since they do not hold the GIL.
+    Kernels run in parallel on them, since they do not hold the GIL. There are more threads than
+    cores: most wait for runs of theirs that others step.
     """
-
-    spare = 0  # chunks that may wait while all threads are busy
 
     def __init__(self, plan: Plan, count: int) -> None:
         self.count = count
+        self.room = (LANES[-1] + 1) * count
         self._plan = plan
+        self._runs = _Pool(count)
         self._made = SimpleQueue[Made | Future]()
-        self._pool = ThreadPoolExecutor(count)
-        self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
+        self._pool = ThreadPoolExecutor(self.room)
+        self._graphs = ThreadPoolExecutor(self.room)  # each thread waits for a graph
 
     def send(self, chunks: dict[Any, Cases]) -> None:
         """Start some chunks of runs, given by key."""
         import dask.threaded
 
+        make = partial(make_runs, pool=self._runs)
         graph: dict[Any, Any] = {"plan": self._plan}
-        graph |= {key: (make_runs, "plan", chunk) for key, chunk in chunks.items()}
+        graph |= {key: (make, "plan", chunk) for key, chunk in chunks.items()}
 
         def keep(key, rows, *_) -> None:
             if key != "plan":
@@ -118,15 +234,14 @@ class Threads:
                 return [found.result() if isinstance(found, Future) else found]
 
     def close(self) -> None:
-        """Start no more chunks. A thread that makes a chunk goes on to its end."""
+        """Start no more chunks, and leave those that were begun once a run ends."""
+        self._runs.end(CancelledError())
         for pool in (self._pool, self._graphs):
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Cluster:
     """The workers of a dask client; they need no files of this machine."""
-
-    spare = 1
 
     def __init__(self, plan: Plan, client: "Client", name: str) -> None:
         import dask
@@ -152,6 +267,11 @@ class Cluster:
         """Number of threads of the workers that are connected now."""
         with self._worded():
             return sum(self._client.nthreads().values())
+
+    @property
+    def room(self) -> int:
+        """Number of chunks that keep all workers busy: one waits."""
+        return self.count + 1
 
     def send(self, chunks: dict[Any, Cases]) -> None:
         """Start some chunks of runs, given by key."""
