@@ -39,7 +39,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.signal
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
