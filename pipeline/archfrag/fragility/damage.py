@@ -104,7 +104,9 @@ def _sampled(
     `density` returns ln of the posterior density at points. `collapse` and `state` are the ln
     medians at which the search begins.
     """
-    uniform = np.clip(scipy.stats.qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
+    uniform = np.clip(
+        scipy.stats.qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9
+    )
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
     log_t = -0.5 * (_FREEDOM + 5.0) * np.log1p((t * t).sum(axis=1) / _FREEDOM)
     centre = np.array([collapse, -1.0, state, -1.0, 1.0])

@@ -52,7 +52,9 @@ class Density:
     def betas(self, level: Sequence[float]) -> FloatArray:
         """Return the quantiles of beta at probabilities `level`, (n,)."""
         row = np.arange(self.beta.size)
-        below = scipy.interpolate.PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
+        below = scipy.interpolate.PchipInterpolator(
+            row, self._cumulative[:, -1]
+        ).antiderivative()
         total = below(row[-1])
         place = [below.solve(each * total, extrapolate=False)[0] for each in level]
         return np.exp(np.interp(place, row, np.log(self.beta)))

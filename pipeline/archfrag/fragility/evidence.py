@@ -77,7 +77,9 @@ def _rule(size: int) -> Pair:
     if size == 1:
         nodes, weight = np.polynomial.hermite_e.hermegauss(_NODES)
         return nodes[None], np.log(weight / weight.sum())
-    normal = scipy.stats.qmc.MultivariateNormalQMC(np.zeros(size), rng=np.random.default_rng(1))
+    normal = scipy.stats.qmc.MultivariateNormalQMC(
+        np.zeros(size), rng=np.random.default_rng(1)
+    )
     return normal.random(_FIELDS).T, np.full(_FIELDS, -np.log(_FIELDS))
 
 

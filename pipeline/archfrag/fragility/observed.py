@@ -261,7 +261,9 @@ def _shaken(
                 values = grid[name].to_numpy()
                 if name == field:
                     values = np.log(values * _UNITS[units[name]] / curve.si)
-                found[name] = scipy.interpolate.LinearNDInterpolator(nodes, values)(places.to_numpy())
+                found[name] = scipy.interpolate.LinearNDInterpolator(nodes, values)(
+                    places.to_numpy()
+                )
         except (LookupError, ValueError) as error:
             raise InputError(
                 f"{path}: is damaged or no grid of ShakeMap: {error}"

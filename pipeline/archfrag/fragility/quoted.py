@@ -200,7 +200,9 @@ def isotonic_curve(
 
 def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
     """Return isotonic fractions of collapse, (n_level,); every level must have runs."""
-    return np.clip(scipy.optimize.isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0)
+    return np.clip(
+        scipy.optimize.isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0
+    )
 
 
 def check_lognormal(

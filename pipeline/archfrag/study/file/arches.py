@@ -266,7 +266,9 @@ class Distribution(Section):
             width = keys.stop - keys.start
             law = scipy.stats.uniform(keys.start, width)
             if self.distribution == "triangular":
-                law = scipy.stats.triang((keys.mode - keys.start) / width, keys.start, width)
+                law = scipy.stats.triang(
+                    (keys.mode - keys.start) / width, keys.start, width
+                )
         lower = -math.inf if self.lower is None else self.lower
         upper = math.inf if self.upper is None else self.upper
         low, high = law.cdf([lower, upper]).tolist()

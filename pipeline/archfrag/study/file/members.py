@@ -312,11 +312,13 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
     if not vary.of:
         return {}
     if vary.scheme == "sobol":
-        points = scipy.stats.qmc.Sobol(len(vary.of), scramble=True, seed=generator).random_base2(
-            (vary.samples - 1).bit_length()
-        )
+        points = scipy.stats.qmc.Sobol(
+            len(vary.of), scramble=True, seed=generator
+        ).random_base2((vary.samples - 1).bit_length())
     else:
-        points = scipy.stats.qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)
+        points = scipy.stats.qmc.LatinHypercube(len(vary.of), seed=generator).random(
+            vary.samples
+        )
     return {
         name: to_digits(law.quantile(x))
         for (name, law), x in zip(vary.of.items(), _inside(points).T)
