@@ -61,7 +61,7 @@ def write_cube(study: StudyKeys) -> Path:
     path = make_folder(study.folder) / provenance.CUBE
     with replacing(path) as temporary, provenance.NETCDF:
         try:
-            # `to_netcdf` would import distributed, to see whether a client writes.
+            # xarray's own way imports distributed, to see whether a client writes.
             store = xr.backends.NetCDF4DataStore.open(temporary, "w", lock=_LOCK)
             with contextlib.closing(store):
                 cube.dump_to_store(store)
