@@ -163,7 +163,7 @@ class TestHelp:
             )
         loaded = set(found.stderr.split())
         assert "click" in loaded
-        heavy = "numpy numba pydantic yaml dask obspy snakemake"
+        heavy = "numpy numba pydantic yaml dask obspy snakemake email"
         assert not loaded & set(heavy.split(" "))
         assert min(took) < 0.3
 
