@@ -32,8 +32,24 @@ def test_names_are_there_and_an_unknown_one_is_refused():
             "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])",
             "[]",
         ),
+        (
+            "import archfrag.cli.study; print([m for m in ('scipy.signal', 'scipy.stats', "
+            "'scipy.optimize', 'scipy.interpolate', 'archfrag.export.command', 'dask', "
+            "'matplotlib') if m in sys.modules])",
+            "[]",
+        ),
+        (
+            "import archfrag.motions.formats; print([m for m in ('scipy.special', 'scipy.signal', "
+            "'pandas', 'numba', 'pydantic') if m in sys.modules])",
+            "[]",
+        ),
     ],
-    ids=["importing loads nothing heavy", "a worker loads no reader"],
+    ids=[
+        "importing loads nothing heavy",
+        "a worker loads no reader",
+        "a run loads parts of scipy when it uses them",
+        "the process that reads records loads no scipy",
+    ],
 )
 def test_a_new_process(code, printed):
     command = [sys.executable, "-c", f"import sys; {code}"]

@@ -9,6 +9,7 @@ from archfrag.files import write_csv
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import (
     measure,
+    measures_of,
     parse_measure,
     sample_cautions,
     scale_factor,
@@ -17,6 +18,7 @@ from archfrag.motions.measures import (
 from archfrag.motions.motion import Motion, load_stored, store
 from archfrag.motions.read import inspect_record, load_motion, read_horizontals
 from archfrag.motions.selection import measure_records, read_flatfile
+from archfrag.study.file.prepared import COMPARED
 
 from .helpers import REAL_RECORDS, SHIPPED, at2_text, needs_real_records, refused, wave
 
@@ -310,3 +312,23 @@ def test_of_real_records_only_that_of_a_film_that_drifts():
                 if sample_cautions(motion.acceleration, motion.dt):
                     found.add(motion.id)
     assert found == {"LA116TH:360"}
+
+
+def test_measures_of_several_motions_are_those_of_each():
+    """To the last bit, whatever stands beside a motion: unlike sizes, lengths and time steps."""
+    motions = [
+        Motion(size * noise(count, count), step, id=str(count))
+        for size, count, step in (
+            (1.0, 300, 0.01),
+            (1e-4, 900, 0.01),
+            (5.0, 40, 0.01),
+            (1.0, 500, 0.02),
+            (0.0, 9, 0.02),
+            (2.0, 700, 0.02),
+            (3.0, 60, 0.005),
+        )
+    ]
+    names = (*COMPARED, "Sa(0.05)")
+    each = [{name: measure(motion, name) for name in names} for motion in motions]
+    assert measures_of(motions, names) == each
+    assert measures_of(motions, ("PGA",))[1] == {"PGA": motions[1].pga}

@@ -54,6 +54,40 @@ class TestProcess:
         )
 
     @pytest.mark.parametrize(
+        "start",
+        [
+            "from importlib.metadata import entry_points as points; (point,) = "
+            "points(group='console_scripts', name='archfrag'); point.load()()",
+            "import runpy; runpy.run_module('archfrag', run_name='__main__')",
+        ],
+        ids=["script", "module"],
+    )
+    @pytest.mark.parametrize(
+        ("given", "found"),
+        [({}, ["1", "1"]), ({"OMP_NUM_THREADS": "3"}, ["None", "3"])],
+        ids=["one thread", "the user's number"],
+    )
+    def test_linear_algebra_has_one_thread(
+        self, start, given, found, tmp_path, monkeypatch
+    ):
+        """Numpy reads the variables at its import; collections of garbage are rarer by then."""
+        (tmp_path / "numpy.py").write_text(
+            "import gc, os, sys; print(*map(os.environ.get, ['OPENBLAS_NUM_THREADS', "
+            "'OMP_NUM_THREADS']), gc.get_threshold()[0] > 10_000); sys.exit()"
+        )
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            monkeypatch.delenv(name, raising=False)
+        places = [str(tmp_path), *sys.path]
+        code = f"import sys; sys.path = {places}; sys.argv[1:] = ['validate', 'lost']; {start}"
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            env={**os.environ, **given},
+        )
+        assert done.stdout.split() == [*found, "True"], done.stderr
+
+    @pytest.mark.parametrize(
         "asked", ["error", "e::DeprecationWarning", "error::UserWarning"]
     )
     def test_warnings_end_no_command(self, asked):
@@ -129,7 +163,7 @@ class TestHelp:
             )
         loaded = set(found.stderr.split())
         assert "click" in loaded
-        heavy = "numpy numba pydantic yaml dask obspy snakemake"
+        heavy = "numpy numba pydantic yaml dask obspy snakemake email"
         assert not loaded & set(heavy.split(" "))
         assert min(took) < 0.3
 

@@ -19,6 +19,7 @@ import pytest
 import xarray as xr
 
 import archfrag as af
+from archfrag.motions import measures
 from archfrag.physics.kernels import cache as kernel_cache
 from archfrag.study import provenance
 from archfrag.study.file.schema import load_study
@@ -264,6 +265,33 @@ def test_a_command_with_nothing_to_do_imports_neither_dask_nor_xarray(finished):
     loaded = set(done.stdout.split("loaded")[1].split())
     assert "archfrag.study.provenance" in loaded
     assert not loaded & {"dask", "distributed", "xarray", "numba", "numpy"}
+
+
+def test_a_cube_is_written_without_a_client_of_dask(finished, tmp_path):
+    shutil.copytree(finished[0].parent, tmp_path, dirs_exist_ok=True)
+    code = "import sys; from archfrag.cli import main; main(sys.argv[1:], standalone_mode=False)"
+    code += "; print('loaded', *sys.modules)"
+    asked = [sys.executable, "-c", code, "cube", tmp_path / finished[0].name]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split("loaded")[1].split())
+    assert "netCDF4" in loaded
+    assert "distributed" not in loaded
+
+
+def test_no_spectrum_is_computed_twice(tmp_path, monkeypatch):
+    """Two records are computed side by side; a period of both is asked for once."""
+    asked = []
+    spectrum = measures._spectrum
+
+    def counted(ground, dt, periods, *more):
+        asked.extend(np.ravel(periods))
+        return spectrum(ground, dt, periods, *more)
+
+    monkeypatch.setattr(measures, "_spectrum", counted)
+    result = command("run", small_study(tmp_path))
+    assert result.exit_code == 0, result.output
+    assert len(asked) > 150
+    assert len(asked) == len(set(asked))
 
 
 def test_info_describes_a_cube_by_its_file_its_folder_and_its_study(finished, tmp_path):

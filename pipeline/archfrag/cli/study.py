@@ -33,7 +33,6 @@ from archfrag.cli.options import (
 )
 from archfrag.errors import FitError
 from archfrag.export import FORMATS
-from archfrag.export.command import export_study
 from archfrag.files import cannot_write, counted, printable
 from archfrag.report import make_report
 from archfrag.simulation.warmup import warmup as compile_kernels
@@ -47,7 +46,9 @@ from archfrag.study.provenance import check_own, claim, products
 from archfrag.study.runs.store import make_plan, superfluous
 from archfrag.study.steps import make_step, only_run, run_study
 from archfrag.study.validate import arch_texts, check_study, write_starter
-from archfrag.system import stoppable
+from archfrag.system import Deferred, stoppable
+
+exports = Deferred("archfrag.export.command")
 
 
 def with_study(*options: Callable) -> Callable:
@@ -273,7 +274,9 @@ def fit_command(
         )
     fitted = fit_runs(study, cube)
     report = make_report(study, fitted)
-    files = export_study(study, formats, fitted=fitted)["files"] if formats else ()
+    files = (
+        exports.export_study(study, formats, fitted=fitted)["files"] if formats else ()
+    )
     if as_json:
         return echo((study.folder / FITS).read_text("utf-8"))
     _summary(study, fitted)

@@ -8,8 +8,8 @@ the lighter state alone is biased: its median was 7 to 50 % too low.
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from scipy.special import chdtri, ndtr, ndtri, softmax
-from scipy.stats import qmc
 
 from archfrag.errors import FitError
 from archfrag.fragility.curve import FloatArray, Pair
@@ -104,7 +104,9 @@ def _sampled(
     `density` returns ln of the posterior density at points. `collapse` and `state` are the ln
     medians at which the search begins.
     """
-    uniform = np.clip(qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9)
+    uniform = np.clip(
+        scipy.stats.qmc.Sobol(6, seed=1).random(_POINTS), 1e-9, 1.0 - 1e-9
+    )
     t = ndtri(uniform[:, :5]) * np.sqrt(_FREEDOM / chdtri(_FREEDOM, uniform[:, 5:]))
     log_t = -0.5 * (_FREEDOM + 5.0) * np.log1p((t * t).sum(axis=1) / _FREEDOM)
     centre = np.array([collapse, -1.0, state, -1.0, 1.0])

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 from archfrag.files import Named
 
@@ -52,7 +52,9 @@ class Density:
     def betas(self, level: Sequence[float]) -> FloatArray:
         """Return the quantiles of beta at probabilities `level`, (n,)."""
         row = np.arange(self.beta.size)
-        below = PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
+        below = scipy.interpolate.PchipInterpolator(
+            row, self._cumulative[:, -1]
+        ).antiderivative()
         total = below(row[-1])
         place = [below.solve(each * total, extrapolate=False)[0] for each in level]
         return np.exp(np.interp(place, row, np.log(self.beta)))

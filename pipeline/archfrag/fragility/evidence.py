@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 from archfrag.fragility.curve import FloatArray, Pair
 from archfrag.fragility.observed import Damage
@@ -77,7 +77,9 @@ def _rule(size: int) -> Pair:
     if size == 1:
         nodes, weight = np.polynomial.hermite_e.hermegauss(_NODES)
         return nodes[None], np.log(weight / weight.sum())
-    normal = qmc.MultivariateNormalQMC(np.zeros(size), rng=np.random.default_rng(1))
+    normal = scipy.stats.qmc.MultivariateNormalQMC(
+        np.zeros(size), rng=np.random.default_rng(1)
+    )
     return normal.random(_FIELDS).T, np.full(_FIELDS, -np.log(_FIELDS))
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial.distance import cdist
+import scipy  # whose parts are loaded when they are used
 
 from archfrag.errors import InputError
 from archfrag.files import number, read_text, stated_unit, table_of
@@ -198,7 +197,7 @@ def _states(words: pd.Series, curve: Curve) -> tuple[IntArray, list[Curve]]:
 def _correlation(places: FloatArray, curve: Curve, length: float | None) -> FloatArray:
     """Return exp(-3 h / length) between places, (n, 2) longitude and latitude, (n, n)."""
     plane = _TO_PLANE * places * [np.cos(np.radians(places[:, 1].mean())), 1.0]
-    away = cdist(plane, plane)
+    away = scipy.spatial.distance.cdist(plane, plane)
     ((kind, period), *_) = _MEASURE.findall(curve.measure)
     if length is None and kind in _LENGTHS:
         first, rise = _LENGTHS[kind]
@@ -262,7 +261,9 @@ def _shaken(
                 values = grid[name].to_numpy()
                 if name == field:
                     values = np.log(values * _UNITS[units[name]] / curve.si)
-                found[name] = LinearNDInterpolator(nodes, values)(places.to_numpy())
+                found[name] = scipy.interpolate.LinearNDInterpolator(nodes, values)(
+                    places.to_numpy()
+                )
         except (LookupError, ValueError) as error:
             raise InputError(
                 f"{path}: is damaged or no grid of ShakeMap: {error}"

@@ -8,8 +8,8 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
@@ -200,7 +200,9 @@ def isotonic_curve(
 
 def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
     """Return isotonic fractions of collapse, (n_level,); every level must have runs."""
-    return np.clip(isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0)
+    return np.clip(
+        scipy.optimize.isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0
+    )
 
 
 def check_lognormal(

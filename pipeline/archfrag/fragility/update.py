@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
+import scipy  # whose parts are loaded when they are used
 from scipy.special import softmax
 
 from archfrag.errors import FitError, InputError
@@ -147,7 +147,7 @@ def _weighed(
     for _ in range(_ATTEMPTS):
         known = np.flatnonzero(~np.isnan(exact))
         logs = np.maximum(exact[known], exact[known].max() - _FALL)
-        near = RBFInterpolator(points[known], logs)(points)
+        near = scipy.interpolate.RBFInterpolator(points[known], logs)(points)
         chance = softmax(near)
         kept = np.searchsorted(np.cumsum(chance), part)
         kept = np.minimum(kept, beta.size - 1)

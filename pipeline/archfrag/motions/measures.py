@@ -33,13 +33,14 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.signal
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
@@ -273,7 +274,7 @@ def measure(motion: Shaking, name: str) -> float:
         angles = _ANGLES
     if grid:
         periods = grid[0](*asked.periods)
-        spectra = _spectrum(ground, motion.dt, periods, angles)
+        spectra = _spectrum(ground, motion.dt, periods, np.exp(1j * angles))
         values = [value(spectrum, periods) for spectrum in spectra.T]
     else:
         both = [ground.real, ground.imag]
@@ -290,6 +291,34 @@ def measure(motion: Shaking, name: str) -> float:
     return float(np.percentile(values, float(asked.rotated[4:] or 50)))
 
 
+def measures_of(
+    motions: Sequence[Shaking], names: Collection[str]
+) -> list[dict[str, float]]:
+    """Return some measures of each motion by name, with the errors of `measure`.
+
+    The spectrum of a motion is computed once, for all periods of all measures.
+    """
+    grids: dict[str, tuple[Any, Samples]] = {}
+    for name in names:
+        asked = parse_measure(name)
+        _, _, _, value, *grid = _KINDS[asked.kind]
+        if grid and not asked.rotated:
+            grids[name] = value, np.atleast_1d(grid[0](*asked.periods))
+    periods = np.unique([each for _, grid in grids.values() for each in grid])
+    found = []
+    for motion, spectrum in zip(motions, spectra_of(motions, periods)):
+        values = {}
+        for name in names:
+            if name in grids:
+                value, grid = grids[name]
+                sa = spectrum[np.searchsorted(periods, grid)]
+                values[name] = float(value(sa, grid))
+            else:
+                values[name] = measure(motion, name)
+        found.append(values)
+    return found
+
+
 def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:
     """Return the pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
@@ -299,7 +328,25 @@ def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:
     to zero in one step; the free vibration that follows counts. InputError unless all periods are
     above 0.
     """
-    return _spectrum(motion.acceleration, motion.dt, periods, np.zeros(1))[:, 0]
+    return _spectrum(motion.acceleration, motion.dt, periods)[:, 0]
+
+
+def spectra_of(motions: Sequence[Shaking], periods: ArrayLike) -> Samples:
+    """Return `spectral_acceleration` of some motions, shape (n_motion, n_period) [m/s2].
+
+    Two motions are computed side by side, as parts of a complex number.
+    """
+    found: list[Samples] = []
+    for pair in zip_longest(motions[::2], motions[1::2]):
+        if pair[1] is None or pair[0].dt != pair[1].dt:
+            found += (spectral_acceleration(one, periods) for one in pair if one)
+            continue
+        records = [motion.acceleration for motion in pair]
+        ground = np.zeros(max(record.size for record in records), complex)
+        for part, record in zip((ground.real, ground.imag), records):
+            part[: record.size] = record
+        found += list(_spectrum(ground, pair[0].dt, periods, (1.0, 1.0j)).T)
+    return np.stack(found)
 
 
 def scale_factor(
@@ -420,12 +467,15 @@ def _flat_parts(samples: Samples, dt: float) -> Iterator[str]:
 
 
 def _spectrum(
-    ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples
+    ground: NDArray[Any],
+    dt: float,
+    periods: ArrayLike,
+    directions: ArrayLike = (1.0,),
 ) -> Samples:
-    """Return Sa [m/s2] in each direction, shape (n_period, n_angle).
+    """Return Sa [m/s2] in each direction, shape (n_period, n_direction).
 
-    `ground` is the first horizontal component plus i times the second [m/s2]. `angles` [rad] are
-    from the first towards the second.
+    `ground` is the first horizontal component plus i times the second [m/s2]. `directions` are
+    complex numbers of size one.
     """
     chosen = np.atleast_1d(np.asarray(periods, float))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
@@ -435,11 +485,11 @@ def _spectrum(
     # A period after the record, in which it falls to zero within one step.
     after = np.ceil(chosen / dt).astype(int) + 2
     padded = np.pad(ground, (0, after.max(initial=0)))
-    largest = np.zeros((chosen.size, angles.size))
-    directions = np.exp(1j * angles)
+    ways = np.asarray(directions, complex)
+    largest = np.zeros((chosen.size, ways.size))
     rates = (2.0 * np.pi / chosen).tolist()
     for rate, count, row in zip(rates, after + ground.size, largest):
-        largest_response(padded[:count], dt, rate, _DAMPING, directions, row)
+        largest_response(padded[:count], dt, rate, _DAMPING, ways, row)
     scale = 10.0 ** (
         _DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0)))
     )

@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import OutputError
 from archfrag.files import check_targets, make_folder
 from archfrag.fragility.verdicts import Verdict
-from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
+from archfrag.motions.measures import measure, parse_measure, spectra_of
 from archfrag.motions.motion import Motion
 from archfrag.report.curve_figures import (
     all_curves,
@@ -458,13 +459,9 @@ def spectra(sheet: Sheet, inputs: ReportInputs) -> Words:
         names = [motion.id.removesuffix("-rev") for motion in inputs.motions]
         chosen = np.array([factors.get(name, np.nan) for name in names])
         entries.append(Entry("target: median, 16 and 84 %", VERMILION, "line"))
-    scaled = np.stack(
-        [
-            spectral_acceleration(motion, _PERIODS) * factor / STANDARD_GRAVITY
-            for motion, factor in zip(inputs.motions, chosen)
-            if np.isfinite(factor)
-        ]
-    )
+    run = np.isfinite(chosen)
+    found = spectra_of([*compress(inputs.motions, run)], _PERIODS)
+    scaled = found * chosen[run, None] / STANDARD_GRAVITY
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
     floor = max(median.max() / 1000.0, 0.7 * np.nanmin(scaled[scaled > 0]))
     x = (_PERIODS[0], _PERIODS[-1])

@@ -19,7 +19,6 @@ import subprocess
 import threading
 from collections import Counter
 from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,11 +36,13 @@ from archfrag.files import (
     sha256_of,
     sweep,
 )
+from archfrag.system import Deferred
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import StudyKeys
 
+metadata = Deferred("importlib.metadata")  # loads modules of e-mail too
 PACKAGE = Path(__file__).resolve().parents[1]
 CUBE = "cube.nc"
 README = "README.txt"
@@ -363,8 +364,8 @@ def versions() -> dict[str, str]:
     """Return the versions of archfrag, of Python and of the packages that results depend on."""
     found = {"archfrag": __version__, "python": platform.python_version()}
     for name in ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4"):
-        with contextlib.suppress(PackageNotFoundError):
-            found[name] = version(name)
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
     return found
 
 

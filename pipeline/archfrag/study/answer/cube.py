@@ -1,5 +1,6 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file, which states how it was made."""
 
+import contextlib
 import platform
 import re
 from collections import defaultdict
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, combine_locks
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
@@ -31,6 +33,7 @@ from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, m
 from archfrag.version import __version__
 
 COMPRESSION = 4
+_LOCK = combine_locks([HDF5_LOCK, NETCDFC_LOCK])  # as xarray takes for each file
 # cells of a variable that the file stores together: whole arches, up to 1 MB
 CHUNK = 2**17
 _CODES: Named = {codes.__name__: codes for codes in (Verdict, Status, CollapseMode)}
@@ -58,7 +61,10 @@ def write_cube(study: StudyKeys) -> Path:
     path = make_folder(study.folder) / provenance.CUBE
     with replacing(path) as temporary, provenance.NETCDF:
         try:
-            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            # xarray's own way imports distributed, to see whether a client writes.
+            store = xr.backends.NetCDF4DataStore.open(temporary, "w", lock=_LOCK)
+            with contextlib.closing(store):
+                cube.dump_to_store(store)
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
     return path

@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike
 from pydantic import (
     AfterValidator,
@@ -19,7 +20,6 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from scipy import stats
 
 from archfrag import arch
 from archfrag.arch.checks import FloatArray
@@ -259,14 +259,16 @@ class Distribution(Section):
         """
         keys: Any = self
         if self.distribution == "normal":
-            law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
+            law = scipy.stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
         elif self.distribution == "lognormal":
-            law = stats.lognorm(keys.beta, 0.0, keys.median)
+            law = scipy.stats.lognorm(keys.beta, 0.0, keys.median)
         else:
             width = keys.stop - keys.start
-            law = stats.uniform(keys.start, width)
+            law = scipy.stats.uniform(keys.start, width)
             if self.distribution == "triangular":
-                law = stats.triang((keys.mode - keys.start) / width, keys.start, width)
+                law = scipy.stats.triang(
+                    (keys.mode - keys.start) / width, keys.start, width
+                )
         lower = -math.inf if self.lower is None else self.lower
         upper = math.inf if self.upper is None else self.upper
         low, high = law.cdf([lower, upper]).tolist()

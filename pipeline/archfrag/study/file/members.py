@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used
 from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
 from archfrag.arch.checks import FloatArray
 from archfrag.errors import InputError, StabilityError
@@ -312,11 +312,13 @@ def sample(vary: Vary, seed: Sequence[int]) -> dict[str, FloatArray]:
     if not vary.of:
         return {}
     if vary.scheme == "sobol":
-        points = qmc.Sobol(len(vary.of), scramble=True, seed=generator).random_base2(
-            (vary.samples - 1).bit_length()
-        )
+        points = scipy.stats.qmc.Sobol(
+            len(vary.of), scramble=True, seed=generator
+        ).random_base2((vary.samples - 1).bit_length())
     else:
-        points = qmc.LatinHypercube(len(vary.of), seed=generator).random(vary.samples)
+        points = scipy.stats.qmc.LatinHypercube(len(vary.of), seed=generator).random(
+            vary.samples
+        )
     return {
         name: to_digits(law.quantile(x))
         for (name, law), x in zip(vary.of.items(), _inside(points).T)

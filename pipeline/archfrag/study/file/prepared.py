@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.files import Named, make_folder, relative_path, sha256_of
 from archfrag.motions.channel import Facts
-from archfrag.motions.measures import measure, sample_cautions, scale_factor
+from archfrag.motions.measures import measures_of, sample_cautions, scale_factor
 from archfrag.motions.motion import REVERSED, Motion, load_stored, store
 from archfrag.motions.partners import earthquakes
 from archfrag.study import provenance
@@ -100,16 +101,10 @@ def study_inputs(study: StudyKeys) -> provenance.Inputs:
 
 
 def described(
-    study: StudyKeys, motion: Motion, compared: Sequence[str]
+    study: StudyKeys, motion: Motion, measures: dict[str, float]
 ) -> PreparedRecord:
-    """Return the record of a motion that is not stored yet.
-
-    Its `measures` are the study's measure and those named by `compared`. InputError if the motion
-    cannot be scaled.
-    """
+    """Return the record of a motion that is not stored yet; InputError if it cannot be scaled."""
     asked = study.intensity.measure
-    names = dict.fromkeys((asked, *compared))
-    measures = {name: measure(motion, name) for name in names}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     cautions = list(motion.facts.cautions)
     for part, prefix in ((motion.acceleration, ""), (motion.vertical, "vertical: ")):
@@ -162,17 +157,22 @@ def read_records(study: StudyKeys, keep: bool = False) -> list[PreparedRecord]:
     """
     new = study.work / FOLDER / "new.npz"
 
+    measured = study.intensity.measure
+    names = dict.fromkeys((measured, *(COMPARED if keep else ())))
+
     def read(asked: Motions) -> list[PreparedRecord]:
         records = list[PreparedRecord]()
-        for motion in _sources().read_sources(asked, study.intensity.measure):
-            record = described(study, motion, COMPARED if keep else ())
-            if keep:
-                store(new, motion)
-                prepared = sha256_of(new)
-                stored = f"{FOLDER}/{prepared[:16]}.npz"
-                record = replace(record, stored=stored, prepared=prepared)
-                new.replace(study.work / stored)
-            records.append(record)
+        motions = _sources().read_sources(asked, measured)
+        while pair := [*islice(motions, 2)]:  # few motions in memory
+            for motion, values in zip(pair, measures_of(pair, names)):
+                record = described(study, motion, values)
+                if keep:
+                    store(new, motion)
+                    prepared = sha256_of(new)
+                    stored = f"{FOLDER}/{prepared[:16]}.npz"
+                    record = replace(record, stored=stored, prepared=prepared)
+                    new.replace(study.work / stored)
+                records.append(record)
         order = [name + end for name in asked.select or () for end in ("", REVERSED)]
         events = dict(zip((each.id for each in records), earthquakes(records)))
         if order:
