@@ -444,7 +444,7 @@ def simulate_many(
     dt: float | None = None,
     **more,
 ) -> xarray.Dataset:
-    """Simulate one arch under many scaled ground motions, four runs at a time.
+    """Simulate one arch under many scaled ground motions, several runs at a time.
 
     Each run has the same results, to the last bit, as `simulate` without a history. Of a bridge
     there is also `collapse_place`, the name of the joint.

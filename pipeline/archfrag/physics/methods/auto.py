@@ -1,8 +1,8 @@
 """`auto`: the cheapest of our methods that holds a tolerance.
 
 1. Rest, while the body force stays inside the range of rest: nothing is integrated.
-2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four runs
-   at a time.
+2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four or
+   eight runs at a time.
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
    `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
    they cost little and give peaks and histories exactly. A chain that is not to rest wherever it

@@ -1,10 +1,11 @@
-"""Time stepping as a method: one run, or many of one arch four at a time.
+"""Time stepping as a method: one run, or many of one arch, several at a time.
 
 The stepper is the same for rigid joints and for joints that give; each has a `Law` of its own.
 With rigid joints nothing is integrated while the body force stays inside the range of rest of the
-configuration; a chain on springs is never at rest in a motion. Four runs go side by side until one
-waits for what has to be done for it alone (`Law.handle`), and a run that has ended makes place for
-the next. A run's results are the same to the last bit, whether it goes alone or beside others.
+configuration; a chain on springs is never at rest in a motion. Four or eight runs go side by side
+until one waits for what has to be done for it alone (`Law.handle`), and a run that has ended makes
+place for the next, which may have been added meanwhile (`Lanes`). A run's results are the same to
+the last bit, whether it goes alone or beside others.
 """
 
 import functools
@@ -74,8 +75,8 @@ def try_step(runs, live):
 
 
 @kernel
-def step_four(runs):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
+def step_several(runs):
+    """Step runs side by side until one waits; the reason is in ``state.clock[Clock.CODE]``."""
     clock = runs.state.clock
     until = end_of_motion(runs.grounds, clock, runs.options.follow)
     waits = False
@@ -91,7 +92,7 @@ def step_four(runs):
 
 @kernel
 def step_one(runs, until, output):
-    """Try a step of one run, and write its history; as `step_four` set its code."""
+    """Try a step of one run, and write its history; as `step_several` set its code."""
     impulse, solved, unsolved = try_step(runs, True)
     collapsed = broken = False
     if solved:
@@ -183,50 +184,55 @@ def copy_run(of, place, to, number):
 
 
 @kernel
-def count_going(four):
-    """Return how many of the runs side by side have not ended."""
+def count_going(several):
+    """Return how many of the runs side by side have not ended.
+
+    Reads: several.state.clock.
+    """
     going = 0
-    code = four.state.clock[Clock.CODE]
+    code = several.state.clock[Clock.CODE]
     for number in range(width(code)):
         going += int(lane(code, number)) != Wait.IDLE
     return going
 
 
 @kernel
-def run_four(four, one, waiting, begun, motion, factor, patience, output, results):
+def run_several(
+    several, one, waiting, begun, motion, factor, patience, output, results
+):
     """Go on with runs side by side, from rest; those of `waiting` begin where there is room.
 
-    `four` steps them; `one` starts, serves and ends each of them alone. Run k has the motion of
+    `several` steps them; `one` starts, serves and ends each of them alone. Run k has the motion of
     number ``motion[k]`` times ``factor[k]``, and row k of the results. `begun` counts those of
     `waiting` that were begun. Where room is left, it returns once a run has ended, or after
     `patience` pieces of work; if that is negative, once all have ended.
     """
     work = one.work
-    clock = four.state.clock
+    clock = several.state.clock
     lanes = width(clock[Clock.CODE])
     for number in range(lanes):
         if int(lane(clock[Clock.CODE], number)) == Wait.IDLE:
             start_next(one, waiting, begun, motion, factor, output, results)
-            copy_run(one, 0, four, number)
-    going = count_going(four)
+            copy_run(one, 0, several, number)
+    going = count_going(several)
     to_end = patience < 0
     left = patience
     while going == lanes or (going > 0 and (to_end or left > 0)):
         left -= 1
-        step_four(four)
+        step_several(several)
         for number in range(lanes):
             code = int(lane(clock[Clock.CODE], number))
             if code in (Wait.GO, Wait.IDLE):
                 continue
-            copy_run(four, number, one, 0)
+            copy_run(several, number, one, 0)
             position = one.state.position
             move_faces(one.model, position, work)
             if one.law.handle(one, output) != Wait.GO:
                 end(one, output, results)
                 left = 0
                 start_next(one, waiting, begun, motion, factor, output, results)
-            copy_run(one, 0, four, number)
-        going = count_going(four)
+            copy_run(one, 0, several, number)
+        going = count_going(several)
 
 
 def new_rigid_runs(model: Model, zeros=np.zeros) -> Runs:
@@ -282,9 +288,9 @@ def _side_by_side(make: Callable[..., Runs], count: int) -> Runs:
     return make(functools.partial(lane_array, count=count))
 
 
-def _begin_none(four: Runs) -> None:
+def _begin_none(several: Runs) -> None:
     """Reset runs side by side, so that none of them has begun."""
-    runs_of(four.state.clock)[Clock.CODE] = Wait.IDLE
+    runs_of(several.state.clock)[Clock.CODE] = Wait.IDLE
 
 
 def _runs_for(
@@ -361,7 +367,7 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Outcomes:
-    """Integrate one chain from rest under many scaled ground motions, four at a time.
+    """Integrate one chain from rest under many scaled ground motions, several at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
@@ -376,7 +382,7 @@ def run_many(
     factor = np.ascontiguousarray(factor, float)
     _begin_none(found[0])
     waiting = np.arange(len(motion))
-    run_four(*found, waiting, np.zeros(1, int), motion, factor, -1, output, results)
+    run_several(*found, waiting, np.zeros(1, int), motion, factor, -1, output, results)
     return results
 
 
@@ -391,12 +397,12 @@ class Lanes:
     `steps` has the steps that each run has made so far.
     """
 
-    def __init__(self, four: Runs, one: Runs, output: shared.Output, check: Check):
-        self._four = four
+    def __init__(self, several: Runs, one: Runs, output: shared.Output, check: Check):
+        self._several = several
         self._one = one
         self._output = output
         self._check = check
-        _begin_none(four)
+        _begin_none(several)
         self._motions = MotionPlaces(PLACES)
         self._motion = np.zeros(PLACES, int)
         self._factor = np.zeros(PLACES)
@@ -425,15 +431,15 @@ class Lanes:
         Return the numbers of the runs that have ended, and a row of results for each.
         """
         grounds = self._motions.grounds
-        runs = [each._replace(grounds=grounds) for each in (self._four, self._one)]
+        runs = [each._replace(grounds=grounds) for each in (self._several, self._one)]
         results = shared.new_results(PLACES)
         results.status[:] = -1
         begun = np.zeros(1, int)
         waiting = np.array(self._waiting, int)
         moves = self._motion, self._factor
-        run_four(*runs, waiting, begun, *moves, PATIENCE, self._output, results)
+        run_several(*runs, waiting, begun, *moves, PATIENCE, self._output, results)
         del self._waiting[: int(begun[0])]
-        state = self._four.state
+        state = self._several.state
         clock = runs_of(state.clock)
         going = clock[Clock.CODE] != Wait.IDLE
         numbers = clock[Clock.RUN, going].astype(int)
@@ -455,5 +461,5 @@ def lanes(
     make, _, options = found
     output = shared.no_output(chain.mass.size, chain.friction.size)
     runs = _side_by_side(make, lanes_for(chain)), make()
-    four, one = (each._replace(options=options) for each in runs)
-    return Lanes(four, one, output, check)
+    several, one = (each._replace(options=options) for each in runs)
+    return Lanes(several, one, output, check)

@@ -31,9 +31,9 @@ from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
 from archfrag.system import every
 
-# A chunk is one call of the kernels. They make four of its runs side by side until near its end,
-# so that chunks of 4 cost half as much again as those of 64. If there are many chunks, workers
-# wait less for the last one.
+# A chunk is one task of dask. Threads of one process fill their lanes with runs of all chunks that
+# have begun, a worker of a cluster with those of one: chunks of 4 cost it half as much again as
+# those of 64. If there are many chunks, workers wait less for the last one.
 SMALLEST_CHUNK = 8
 LARGEST_CHUNK = 64
 CHUNKS_EACH = 8

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 ANSWER_WITHIN = 10.0  # longest wait for a scheduler [s]
 HEARD_WITHIN = 0.5  # longest time until Ctrl-C is noticed [s]
-# What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
+# What the steps after the runs import; xarray asks for dask's arrays.
 # This thread alone does so: two that import the same at once may fail.
-NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array", "distributed")
+NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array")
 _GO_ON = "finished parts are kept, the same command goes on"
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
 _identity = cache(store.code_identity)
@@ -222,9 +222,8 @@ class Threads:
             pool=self._pool,
             callbacks=[(None, None, None, keep, None)],  # after each task
         ).add_done_callback(end)
-        with contextlib.suppress(ImportError):  # distributed is an extra
-            for name in NEEDED_LATER:  # kernels leave the GIL to it
-                importlib.import_module(name)
+        for name in NEEDED_LATER:  # kernels leave the GIL to it
+            importlib.import_module(name)
 
     def made(self) -> list[Made]:
         """Wait for the next chunk; return its key and its rows, in a list."""
