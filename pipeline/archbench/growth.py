@@ -5,6 +5,7 @@ A difference of 1e-9 of the motion shows how long a run can be predicted.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,33 +41,43 @@ FITTED = 24
 RUNS = [*COLUMNS, "voussoirs", "repeat", "seconds", "moving_seconds", "steps", "status"]
 
 
-def costs_of(setting: Setting, quick: bool) -> list[Row]:
-    """Timed runs of one method; numbers that would take too long are left out with the reason."""
+def costs_of(settings: Sequence[Setting], repeat: int, quick: bool) -> list[Row]:
+    """One timed run of each method, in turn, with each number of voussoirs.
+
+    Numbers that would take too long are left out with the reason.
+    """
     rows: list[Row] = []
-    last = 1
-    seconds = 0.0
+    last = dict[str, tuple[int, float]]()
+    failed = set[str]()
     pulse = replace(load_scene("arch7_pulse"), duration=SECONDS)
     for number in NUMBERS[quick]:
-        expected = seconds * (number / last) ** POWER
-        base = {**setting.columns, "voussoirs": number}
-        if expected > LONGEST[quick]:
-            rows.append({**base, "status": f"not run: about {expected:.0f} s of CPU"})
-            continue
         scene = replace(pulse, chain={**pulse.chain, "voussoirs": number})
-        for repeat in range(-1, REPEATS):
+        for setting in settings:
+            base = {**setting.columns, "voussoirs": number, "repeat": repeat}
+            before, seconds = last.get(setting.method, (1, 0.0))
+            expected = seconds * (number / before) ** POWER
+            if setting.method in failed:
+                continue
+            if expected > LONGEST[quick]:
+                why = f"not run: about {expected:.0f} s of CPU"
+                rows.append({**base, "status": why})
+                continue
             try:
+                if number == NUMBERS[quick][0]:
+                    solve(scene, setting)  # whatever the first run of a process takes
                 run = solve(scene, setting)
             except ArchfragError as reason:
-                return [*rows, {**base, "status": str(reason)}]
+                failed.add(setting.method)
+                rows.append({**base, "status": str(reason)})
+                continue
             if not math.isfinite(run.seconds):
-                return [*rows, {**base, "status": run.status}]
+                failed.add(setting.method)
+                rows.append({**base, "status": run.status})
+                continue
+            last[setting.method] = number, run.seconds
             at_rest = run.response.model_time["rest"] if run.response else 0.0
-            own = (repeat, run.seconds, run.end_time - at_rest, run.steps, run.status)
-            if repeat < 0:
-                last = number
-                seconds = run.seconds
-            else:
-                rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
+            own = (run.seconds, run.end_time - at_rest, run.steps, run.status)
+            rows.append(base | dict(zip(RUNS[-4:], own, strict=True)))
     return rows
 
 
@@ -74,13 +85,14 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Every timed run, and the exponents of a power law through the medians of each method."""
     settings = [default_setting(name) for name in available_methods()]
     settings += [Setting(name, "dt", STEP) for name in bench.solvers]
-    tasks = {(each.method, bench.quick): (each, bench.quick) for each in settings}
-    rows: list[Row] = []
-    for (method, _), found in bench.run("growth", costs_of, tasks, 900.0).items():
-        rows += (
-            [{"method": method, "status": found}] if isinstance(found, str) else found
-        )
+    names = tuple(each.method for each in settings)
+    tasks = {(k, *names): (settings, k, bench.quick) for k in range(REPEATS)}
+    found = bench.run("growth", costs_of, tasks, 1200.0)
+    rows = [row for own in found.values() if isinstance(own, list) for row in own]
     runs = pd.DataFrame(rows, columns=RUNS)
+    for row in rows:
+        if "seconds" not in row and row["repeat"] == 0:
+            bench.leave_out(f"{row['method']}, {row['voussoirs']}", row["status"])
     return {"runs": runs, "exponents": exponents_table(runs)}
 
 

@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch import STANDARD_GRAVITY
-from archfrag.arch.geometry import cross, polygon_section
-
 FOLDER = Path(__file__).parent / "scenes"
+STANDARD_GRAVITY = 9.80665  # [m/s2]
 NO_SLIDING = 5.0  # the friction of joints without limit in solvers that have none
 
 Array = NDArray[np.float64]
@@ -129,9 +127,7 @@ class Scene:
     def bodies(self) -> Bodies:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
-        area, centroid, polar = map(
-            np.array, zip(*map(polygon_section, self.polygons()))
-        )
+        area, centroid, polar = map(np.array, zip(*map(_section, self.polygons())))
         own = density * area
         inertia = density * polar
         load = (
@@ -246,13 +242,27 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
+def _crosses(corners: Array) -> Array:
+    """Twice the area between the first corner and each side."""
+    x, y = corners.T
+    return x * np.roll(y, -1) - np.roll(x, -1) * y
+
+
 def _anticlockwise(*points: Array) -> Array:
     corners = np.array(points)
-    return (
-        corners
-        if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0
-        else corners[::-1]
-    )
+    return corners if _crosses(corners).sum() > 0.0 else corners[::-1]
+
+
+def _section(corners: Array) -> tuple[float, Array, float]:
+    """Area, centroid and polar second moment about it of a polygon."""
+    origin = corners.mean(axis=0)
+    arm = corners - origin
+    after = np.roll(arm, -1, axis=0)
+    twice = _crosses(arm)
+    area = 0.5 * twice.sum()
+    middle = twice @ (arm + after) / (6.0 * area)
+    polar = twice @ (arm**2 + arm * after + after**2).sum(axis=1) / 12.0
+    return area, origin + middle, polar - area * (middle**2).sum()
 
 
 class Corners:

@@ -1,6 +1,8 @@
 """Scenes and adapters: the chain that every solver is given, and the contract that all keep."""
 
 import math
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -131,6 +133,21 @@ def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
         solver.run(PULSE, 1e-5)
 
 
+def test_the_process_of_a_solver_needs_numpy_alone():
+    """The interpreter of the system, in which Siconos is, has nothing of archfrag's."""
+    code = (
+        "import runpy, sys; sys.modules.update(dict.fromkeys("
+        "('archfrag', 'shapely', 'scipy', 'lazy_loader')))\n"
+        "sys.argv = ['drive.py', 'archbench.nothing_adapter']; "
+        f"runpy.run_path({str(Path(client.__file__).with_name('drive.py'))!r}, "
+        "run_name='__main__')"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd="/"
+    )
+    assert "No module named 'archbench.nothing_adapter'" in found.stdout, found.stderr
+
+
 # Largest relative error of the keystone before the first impact, and of the block; `lmgc90` starts
 # from rest.
 ERRORS = {
@@ -138,6 +155,7 @@ ERRORS = {
     "pinocchio": (0.02, 0.06),
     "lmgc90": (0.01, None),
     "mujoco_corners": (0.1, 0.08),
+    "mujoco_warp": (0.1, 0.08),
     "pymunk": (0.04, 0.1),
 }
 
