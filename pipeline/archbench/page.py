@@ -3,7 +3,7 @@
 import io
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +17,7 @@ from archbench import charts
 from archbench.adapters.client import MISSING, NAMES, solver_versions
 from archbench.quantities import QUANTITIES
 from archbench.runner import PARTS, QUICK, Bench, about_of, digest, load_tables
+from archbench.settings import available_methods
 from archfrag.errors import InputError
 from archfrag.files import replacing
 from archfrag.study.provenance import available_cores, strict_json
@@ -107,6 +108,45 @@ def other_points(points: pd.DataFrame) -> pd.DataFrame:
     shown = shown.assign(error=np.maximum(shown["error"], shown["floor"]))
     shown = shown.assign(over_ours=cost_over_ours(shown))
     return shown[~shown["method"].isin(OURS)]
+
+
+def solvers_table(points: pd.DataFrame, left_out: pd.DataFrame) -> pd.DataFrame:
+    """Least error of the collapse amplitude by scene and other solver, or why there is none.
+
+    With it, the cost of a run over that of ours at equal error.
+    """
+    known = set(available_methods())
+    others = [name for name in dict.fromkeys(points["method"]) if name not in known]
+    asked = points[points["quantity"] == "amplitude"]
+    shown = other_points(asked)
+    why = dict(zip(left_out["what"], left_out["why"], strict=True))
+    rows = []
+    for scene in dict.fromkeys(points["scene"]):
+        row = {"scene": scene}
+        for name in others:
+            own = shown[(shown["scene"] == scene) & (shown["method"] == name)]
+            said = why.get(f"{scene}, {name}", "no change of the verdict within reach")
+            if len(own):
+                best = own.loc[own["error"].idxmin()]
+                said = f"{100.0 * best['error']:.2g} %, × {best['over_ours']:.3g}"
+            row[name] = said
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def left_out_table(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
+    """What all parts left out, by reason."""
+    found = [
+        own["left_out"].assign(part=part)
+        for part, own in tables.items()
+        if "left_out" in own
+    ]
+    table = pd.concat([pd.DataFrame(columns=["part", "what", "why"]), *found])
+    # Reasons that differ in numbers alone are one.
+    kind = table["why"].str.replace(r"[\d.e-]+", "…", regex=True)
+    grouped = table.groupby(["part", kind], sort=False)
+    counted = grouped.agg(cases=("what", "size"), first=("what", "first"))
+    return counted.reset_index()[["part", "why", "cases", "first"]]
 
 
 def compare(page: Path, quick: Path) -> pd.DataFrame:

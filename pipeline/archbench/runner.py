@@ -50,10 +50,10 @@ PARTS = {
     "speed": Part("Speed against accuracy", 40.0, uses=("growth",)),
     "fragility": Part("Fragility: error of the curve against cost of the study", 40.0),
     "knee": Part("Knee: what an error of theta costs", 35.0, uses=("fragility",)),
-    "growth": Part("Growth with the number of voussoirs", 10.0),
+    "growth": Part("Growth with the number of voussoirs", 15.0),
     "stability": Part("Stability: where methods fail", 30.0),
     "joints": Part("Joints that give", 20.0, GIVING),
-    "spans": Part("One span or three", 20.0, uses=("joints",)),
+    "spans": Part("One span or three", 15.0, uses=("joints",)),
     "corner_cases": Part("Corner cases", 20.0, uses=("cases",)),
     "bands": Part(
         "How often bands hold the truth", 25.0, ("fragility/*.py", "study/designs.py")

@@ -1,14 +1,18 @@
 """Tasks with time limits that are not done twice, and the command's refusals."""
 
+import hashlib
 import html
+import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import psutil
@@ -16,7 +20,7 @@ import pytest
 
 import archbench.page
 from archbench import runner
-from archbench.page import gather, staleness, write_page
+from archbench.page import compare, gather, staleness, write_page
 from archbench.runner import PARTS, Bench, in_processes
 from archfrag.errors import InputError
 from archfrag.physics.kernels import cache
@@ -157,3 +161,43 @@ def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="no part 'sped'; allowed are all, quick, sp"):
         gather(["sped"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+DATA = Path(__file__).parents[2] / "docs" / "evidence" / "data"
+
+
+def test_tables_of_the_page_name_their_kernels_and_its_chart_its_table():
+    for path in DATA.glob("*_about.json"):
+        about = json.loads(path.read_text())
+        assert re.fullmatch("[0-9a-f]{40}", about["commit"])
+        assert re.fullmatch("[0-9a-f]{12}|[0-9a-f]{40}", about["kernels"])
+    drawn = (DATA.parents[1] / "images" / "evidence.svg").read_text()
+    points = hashlib.sha256((DATA / "speed_points.csv").read_bytes())
+    assert points.hexdigest() in drawn, "python docs/evidence/make.py draws it anew"
+
+
+def test_a_quick_measurement_has_the_figures_of_the_page(tmp_path):
+    """The growth of all methods, and where they fail: ratios, whatever the machine."""
+    gather(["quick", "growth", "stability"], tmp_path)
+    found = compare(DATA, tmp_path)
+    assert set(found["part"]) == {"growth", "stability"}
+    assert found["agree"].all(), f"{staleness(DATA)}\n{found.to_string()}"
+
+
+def test_a_quick_measurement_that_differs_is_seen(tmp_path):
+    for name in ("growth_runs.csv", "stability_cells.csv", "speed_points.csv"):
+        shutil.copy(DATA / name, tmp_path)
+    assert compare(DATA, tmp_path)["agree"].all()
+    runs = pd.read_csv(DATA / "growth_runs.csv")
+    runs.loc[runs["method"] == "auto", "seconds"] *= 2.1
+    runs.to_csv(tmp_path / "growth_runs.csv")
+    cells = pd.read_csv(DATA / "stability_cells.csv")
+    cells.loc[cells["method"] == "penalty", "kind"] = "diverged"
+    cells.to_csv(tmp_path / "stability_cells.csv")
+    points = pd.read_csv(DATA / "speed_points.csv")
+    points.loc[points["method"] == "pymunk", "seconds"] *= 0.4
+    points.to_csv(tmp_path / "speed_points.csv")
+    found = compare(DATA, tmp_path).set_index(["part", "figure"])["agree"]
+    assert not found["growth"].any()
+    for part, other in (("stability", "penalty"), ("speed", "pymunk")):
+        assert found[part][~found[part]].index.tolist() == [other]
