@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
-from archbench.solve import BESIDE
+from archbench.solve import PRIVATE
 from archfrag.errors import FitError
 from archfrag.fragility.plane import fit_plane
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
@@ -42,7 +42,7 @@ CORRELATION = 0.5
 RECORDS_PER_EVENT = 3
 TWO_PEAKS = ((0.7, 0.0), (0.3, 2.5))  # weight and place of each, deviation 0.6
 LIMITS = {True: 100.0, False: 1200.0}
-PUBLIC = BESIDE / "validation" / "small_samples"
+PUBLIC = PRIVATE / "validation" / "small_samples"
 TRUTH = (
     3.37611,
     0.30621,

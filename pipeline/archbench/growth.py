@@ -27,7 +27,7 @@ NUMBERS = {
     True: (7, 14, 27, 54),
     False: (7, 10, 14, 20, 27, 38, 54, 81, 108),
 }
-REPEATS = {True: 3, False: 5}
+REPEATS = {True: 2, False: 5}
 SECONDS = 1.5
 STEP = 1e-3  # of other solvers
 # A run that by the last one and this power would take longer is not begun [s of CPU].

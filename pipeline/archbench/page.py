@@ -18,6 +18,7 @@ from archbench.adapters.client import MISSING, NAMES, solver_versions
 from archbench.quantities import QUANTITIES
 from archbench.runner import PARTS, QUICK, Bench, about_of, digest, load_tables
 from archbench.settings import available_methods
+from archbench.speed import cost_over
 from archfrag.errors import InputError
 from archfrag.files import replacing
 from archfrag.study.provenance import available_cores, strict_json
@@ -92,21 +93,12 @@ def figures_of(
         yield "corner_cases", charts.corner_chart(tables["runs"])
 
 
-def cost_over_ours(points: pd.DataFrame) -> pd.Series:
-    """Cost of each point over that of our cheapest in its scene whose error is no larger."""
-    own = points[points["method"].isin(OURS)]
-    joined = points.reset_index().merge(own, on=["scene", "quantity"])
-    enough = joined[joined["error_y"] <= joined["error_x"]]
-    least = enough.groupby("index")["seconds_y"].min()
-    return points["seconds"] / least.reindex(points.index)
-
-
 def other_points(points: pd.DataFrame) -> pd.DataFrame:
-    """Drawn points of others' solvers and baselines, with their `cost_over_ours`."""
+    """Drawn points of others' solvers and baselines, with their cost over ours."""
     shown = points[points["quantity"].isin(["amplitude", "peak", "position"])]
     shown = shown[shown["drawn"].astype(bool)]
     shown = shown.assign(error=np.maximum(shown["error"], shown["floor"]))
-    shown = shown.assign(over_ours=cost_over_ours(shown))
+    shown = shown.assign(over_ours=cost_over(shown, OURS))
     return shown[~shown["method"].isin(OURS)]
 
 
@@ -143,7 +135,7 @@ def left_out_table(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
     ]
     table = pd.concat([pd.DataFrame(columns=["part", "what", "why"]), *found])
     # Reasons that differ in numbers alone are one.
-    kind = table["why"].str.replace(r"[\d.e-]+", "…", regex=True)
+    kind = table["why"].str.replace(r"\d[\d.e+-]*", "…", regex=True)
     grouped = table.groupby(["part", kind], sort=False)
     counted = grouped.agg(cases=("what", "size"), first=("what", "first"))
     return counted.reset_index()[["part", "why", "cases", "first"]]
@@ -160,7 +152,9 @@ def compare(page: Path, quick: Path) -> pd.DataFrame:
         tables = [load_tables(folder, part) for folder in (page, quick)]
         if not all(name in own for own in tables):
             continue
-        known, found = (_by_key(own[name], keys) for own in tables)
+        known, found = (
+            _by_key(own[name].dropna(subset=[value]), keys) for own in tables
+        )
         both = known.index.intersection(found.index)
         figures = [
             _figures(part, own.loc[both].reset_index(), value) for own in (known, found)
@@ -176,11 +170,10 @@ def compare(page: Path, quick: Path) -> pd.DataFrame:
 
 
 def _by_key(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
-    table = table.assign(**{key: table[key].fillna("") for key in keys if key in table})
-    numbers = table.select_dtypes("number").columns.difference(keys)
-    plain = table.columns.difference([*numbers, *keys])
-    chosen = dict.fromkeys(numbers, "median") | dict.fromkeys(plain, "first")
-    return table.groupby(keys, sort=False).agg(chosen)
+    table = table.fillna({"variant": ""})
+    grouped = table.groupby(keys, sort=False)
+    numbers = grouped.median(numeric_only=True)
+    return grouped.first().assign(**numbers)
 
 
 def _figures(part: str, table: pd.DataFrame, value: str) -> pd.Series:

@@ -25,7 +25,7 @@ from archfrag.simulation.simulate import simulate_runs
 RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]
 CHECKOUT = Path(__file__).resolve().parents[2]
 RECORDS = CHECKOUT / "records"
-BESIDE = CHECKOUT.parent / "shared"  # what may not be given away
+PRIVATE = CHECKOUT.parent / "shared"  # what may not be given away
 NONE = np.zeros(0)
 Outcome = Callable[[float], bool | None]
 
@@ -85,7 +85,9 @@ def with_samples(scene: Scene) -> Scene:
     """The same scene with a record's samples in it, in units of its peak."""
     if scene.motion["kind"] != "record":
         return scene
-    places = [folder / scene.motion["file"] for folder in (RECORDS, BESIDE / "records")]
+    places = [
+        folder / scene.motion["file"] for folder in (RECORDS, PRIVATE / "records")
+    ]
     for place in places:
         if place.is_file():
             return with_motion(scene, read_motion(place), scene.motion["amplitude"])

@@ -17,7 +17,7 @@ PIERS = ((4.0, 1.0), (6.0, 1.5), (8.0, 2.0), (2.0, 1.0), (4.0, 1.5))
 MANY = (1, 2, 3, 4, 5, 8)
 SPANS = (1, 2, 3)  # of borders and of theta
 PULSES = (0.25, 0.5, 1.0)  # [s]
-LEVELS = {True: 24, False: 48}
+LEVELS = {True: 16, False: 48}
 
 
 def bridge_of(
@@ -64,13 +64,12 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     borders = bench.rows("spans_borders", border_of, tasks, 0.5)
     theta = bench.rows("spans_theta", theta_of, {(bench.quick,): (bench.quick,)})
     if len(theta):
-        theta = theta.rename(columns={"model": "spans"})
-        theta = theta.groupby("spans", sort=False).mean().reset_index()
-        theta = theta.drop(columns="set")
+        theta = theta.groupby("model").mean().reset_index().drop(columns="set")
+        theta = theta.assign(spans=theta.pop("model").astype(int), motions="shipped")
     return {
         "onset": over_most(onset, ["height", "width"], "onset", max(MANY)),
         "borders": over_most(borders, ["pulse"], "border", max(SPANS)),
-        "theta": over_most(theta, [], "theta", max(SPANS)),
+        "theta": over_most(theta, ["motions"], "theta", max(SPANS)),
     }
 
 
@@ -80,13 +79,6 @@ def over_most(
     """The table with how much larger a value is than that of the most spans, in parts."""
     if table.empty:
         return table
-    spans = table["spans"].astype(int)
-    known = table.loc[spans == most, [*keys, name]]
-    joined = (
-        table.merge(known, "left", keys, suffixes=("", "_most"))
-        if keys
-        else table.assign(
-            **{f"{name}_most": known[name].squeeze() if len(known) else None}
-        )
-    )
+    known = table.loc[table["spans"] == most, [*keys, name]]
+    joined = table.merge(known, "left", keys, suffixes=("", "_most"))
     return joined.assign(over_most=joined[name] / joined.pop(f"{name}_most") - 1.0)

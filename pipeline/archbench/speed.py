@@ -33,7 +33,7 @@ SHORT = 0.02  # short runs are repeated up to so much [s], up to so many times
 MOST = 15
 LONG = 0.05  # of studies of longer runs a part is enough [s]
 ONCE = 1.0  # runs of other solvers that took longer are not timed again [s]
-ROUNDS = {True: 3, False: 5}
+REPEATS = {True: 3, False: 5}
 LONGEST = (
     0.3,
     2.0,
@@ -112,7 +112,7 @@ def _costs(
 ) -> pd.Series:
     """Median over rounds of what each point's run takes; what it took once, without a round."""
     tasks: dict[tuple, tuple] = {}
-    for k in range(ROUNDS[bench.quick]):
+    for k in range(REPEATS[bench.quick]):
         for scene, own in points.groupby("scene", sort=False):
             near = own["quantity"] == "amplitude"
             chosen = own[own["seconds"] < ONCE].drop_duplicates(["method", "value"])
@@ -330,23 +330,20 @@ def levels_table(points: pd.DataFrame, quantity: str = "amplitude") -> pd.DataFr
     return pd.DataFrame(rows)
 
 
+def cost_over(points: pd.DataFrame, methods: Sequence[str]) -> pd.Series:
+    """Cost of each point over the least of methods in its scene whose error is no larger."""
+    own = points[points["method"].isin(methods)]
+    both = points.reset_index().merge(own, on=["scene", "quantity"])
+    enough = both[both["error_y"] <= both["error_x"]]
+    least = enough.groupby("index")["seconds_y"].min()
+    return points["seconds"] / least.reindex(points.index)
+
+
 def lost_table(points: pd.DataFrame) -> pd.DataFrame:
     """Points of others whose error `auto` reaches in that scene at more cost, or not at all."""
     kept = kept_errors(points)
-    auto = kept[kept["method"] == AUTO]
-    rows = []
-    for _, point in kept[kept["method"] != AUTO].iterrows():
-        same = auto["scene"].eq(point["scene"]) & auto["quantity"].eq(point["quantity"])
-        enough = auto[same & (auto["kept"] <= point["kept"])]
-        ours = float(enough["seconds"].min()) if len(enough) else math.inf
-        if ours > point["seconds"]:
-            rows.append(
-                {
-                    **point[
-                        ["scene", "quantity", "method", "parameter", "value", "seconds"]
-                    ],
-                    "error": point["kept"],
-                    "auto_seconds": ours,
-                }
-            )
-    return pd.DataFrame(rows)
+    kept = kept.assign(error=kept["kept"])
+    ours = (kept["seconds"] / cost_over(kept, [AUTO])).fillna(math.inf)
+    lost = kept.assign(auto_seconds=ours)[ours > kept["seconds"]]
+    columns = ["scene", "quantity", *COLUMNS[:3], "seconds", "error", "auto_seconds"]
+    return lost.loc[lost["method"] != AUTO, columns]

@@ -24,7 +24,7 @@ from archfrag.errors import InputError
 
 
 def test_a_record_that_is_not_there_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("archbench.solve.BESIDE", tmp_path)
+    monkeypatch.setattr("archbench.solve.PRIVATE", tmp_path)
     with pytest.raises(InputError, match="arch7_real_elc180 needs the record"):
         with_samples(load_scene("arch7_real_elc180"))
 
