@@ -384,9 +384,10 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     coverage = table("bands", heads, coverage_of, STUDIES[bench.quick], cases)
     own = [(name,) for name in COVERED]
     more = table("bands_designs", heads[:1], coverage_in, many, own)
-    more["capacities"] = "lognormal"
-    more["size"] = [COVERED[name].size for name in more["sampling"]]
-    tables = {"coverage": pd.concat([coverage, more])[list(coverage)]}
+    if len(more):
+        more["size"] = [COVERED[name].size for name in more["sampling"]]
+    both = pd.concat([coverage, more.assign(capacities="lognormal")])
+    tables = {"coverage": both[list(coverage)] if len(coverage) else both}
     own = [(name,) for name in COMPARED]
     tables["ratio"] = table("bands_ratio", ["records"], coverage_of_ratios, few, own)
     keys = [(name, part) for name in PLANES for part in EXPLAINED]

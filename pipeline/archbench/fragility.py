@@ -122,6 +122,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         for key, role in zip(tasks, roles, strict=True)
         if isinstance(found.get(key), dict)
     ]
+    if not any(each.role == "reference" for each in studies):
+        return {}
     tables = tables_of(studies, np.array(scenes_of(SHIPPED, bench.quick)[1]))
     return {part: table.assign(study="shipped") for part, table in tables.items()}
 

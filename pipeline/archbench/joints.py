@@ -51,9 +51,10 @@ CLOSE = 0.01
 FOLLOW = 12.0
 # Arches of the studies of theta, their stiffness and levels over the border of the longest pulse.
 STUDIED = (0, 3, 9, 13, 16)
+QUICK_STUDIED = (9,)
 STUDIED_STIFFNESS = (3e10, 1e11)
 SETS = 4
-LEVELS = 48
+LEVELS = {True: 16, False: 48}
 NAMES = {0: "shipped bridge", 9: "ring of 7 voussoirs"}
 MODELS = ("rigid", "inset", "face")
 BINS = (
@@ -153,7 +154,7 @@ def borders_of(number: int) -> list[Row]:
 def studies_of(
     arches: Mapping[str, tuple[af.Arch, Row]], levels: Array, head: Row
 ) -> list[Row]:
-    """Fit theta of arches under the shipped motions, with every fourth level, all in turn.
+    """Fit theta of arches under the shipped motions at the same levels, all in turn.
 
     Each name has an arch and options of `simulate_many`.
     """
@@ -174,24 +175,20 @@ def studies_of(
             failed[name] += int((~np.isin(status, ("collapsed", "standing"))).sum())
     rows = list[Row]()
     for name in arches:
-        for part in range(SETS):
-            curve = af.fit_stripes(
-                levels[part::SETS], collapsed[name][part::SETS], len(motions)
-            )
-            found: Row = {"set": part, "theta": curve.theta, "beta": curve.beta}
-            found["failed"] = failed[name]
-            found["seconds"] = spent[name] / (len(levels) * len(motions))
-            rows.append({**head, "model": name, **found})
+        curve = af.fit_stripes(levels, collapsed[name], len(motions))
+        found: Row = {"theta": curve.theta, "beta": curve.beta, "failed": failed[name]}
+        found["seconds"] = spent[name] / (len(levels) * len(motions))
+        rows.append({**head, "model": name, **found})
     return rows
 
 
-def levels_of(arch: af.Arch, count: int = LEVELS) -> Array:
-    """Levels of a study about the border of the longest pulse [g]."""
+def levels_of(arch: af.Arch, part: int, quick: bool) -> Array:
+    """One of `SETS` of levels about the border of the longest pulse [g]."""
     middle = border_under(arch, half_sine(PULSES[-1]), af.onset(arch).plus)
-    return middle * np.geomspace(0.5, 3.0, count)
+    return middle * np.geomspace(0.5, 3.0, LEVELS[quick])[part::SETS]
 
 
-def theta_of(number: int, stiffness: float) -> list[Row]:
+def theta_of(number: int, stiffness: float, part: int, quick: bool) -> list[Row]:
     """Fit theta of one arch by each model, or of rigid joints by other steps."""
     arch = arch_of(number)
     ways = (
@@ -199,23 +196,26 @@ def theta_of(number: int, stiffness: float) -> list[Row]:
         if math.isfinite(stiffness)
         else {name: (arch, options) for name, options in STEPS.items()}
     )
-    return studies_of(ways, levels_of(arch), {"arch": number, "stiffness": stiffness})
+    head = {"arch": number, "stiffness": stiffness, "set": part}
+    return studies_of(ways, levels_of(arch, part, quick), head)
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Borders and theta of all arches, and how far each model is from the face."""
     numbers = range(0, len(ARCHES), 4 if bench.quick else 1)
     borders = bench.rows("joints", borders_of, {(n,): (n,) for n in numbers}, 0.4)
+    quick = bench.quick
     tasks = {
-        (number, stiffness): (number, stiffness)
-        for number in STUDIED[: 1 if bench.quick else None]
+        (number, stiffness, part): (number, stiffness, part, quick)
+        for part in range(SETS)
+        for number in (QUICK_STUDIED if quick else STUDIED)
         for stiffness in (*STUDIED_STIFFNESS, math.inf)
         if math.isfinite(stiffness) or number in NAMES
     }
     theta = bench.rows("joints_theta", theta_of, tasks)
     return {
-        "errors": errors_table(borders),
-        "models": models_table(theta),
+        "errors": errors_table(borders) if len(borders) else borders,
+        "models": models_table(theta) if len(theta) else theta,
     }
 
 

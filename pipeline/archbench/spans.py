@@ -8,7 +8,7 @@ import time
 import pandas as pd
 
 import archfrag as af
-from archbench.joints import border_under, half_sine, levels_of, studies_of
+from archbench.joints import SETS, border_under, half_sine, levels_of, studies_of
 from archbench.runner import Bench, Row
 
 RADIUS, THICKNESS, FRICTION = 2.5, 0.5, 0.6
@@ -17,7 +17,6 @@ PIERS = ((4.0, 1.0), (6.0, 1.5), (8.0, 2.0), (2.0, 1.0), (4.0, 1.5))
 MANY = (1, 2, 3, 4, 5, 8)
 SPANS = (1, 2, 3)  # of borders and of theta
 PULSES = (0.25, 0.5, 1.0)  # [s]
-LEVELS = {True: 16, False: 48}
 
 
 def bridge_of(
@@ -48,11 +47,13 @@ def border_of(spans: int, pulse: float) -> list[Row]:
     return [{"spans": spans, "pulse": pulse, "border": border, "seconds": spent}]
 
 
-def theta_of(quick: bool) -> list[Row]:
-    """Fit theta of bridges under the shipped motions at the same levels."""
+def theta_of(part: int, quick: bool) -> list[Row]:
+    """Fit theta of bridges under the shipped motions at one set of levels."""
     bridges = {spans: bridge_of(spans, *PIERS[0], 9, 2) for spans in SPANS}
-    levels = levels_of(bridges[1], LEVELS[quick])
-    return studies_of({f"{n}": (each, {}) for n, each in bridges.items()}, levels, {})
+    levels = levels_of(bridges[1], part, quick)
+    ways: dict[str, tuple[af.Arch, Row]]
+    ways = {f"{spans}": (each, {}) for spans, each in bridges.items()}
+    return studies_of(ways, levels, {"set": part})
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
@@ -62,7 +63,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     onset = bench.rows("spans_onset", onset_of, tasks, 0.2)
     tasks = {(n, pulse): (n, pulse) for pulse in PULSES for n in SPANS}
     borders = bench.rows("spans_borders", border_of, tasks, 0.5)
-    theta = bench.rows("spans_theta", theta_of, {(bench.quick,): (bench.quick,)})
+    tasks = {(part,): (part, bench.quick) for part in range(SETS)}
+    theta = bench.rows("spans_theta", theta_of, tasks)
     if len(theta):
         theta = theta.groupby("model").mean().reset_index().drop(columns="set")
         theta = theta.assign(spans=theta.pop("model").astype(int), motions="shipped")

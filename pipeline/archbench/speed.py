@@ -97,6 +97,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
             for reason in result["left_out"]:
                 bench.leave_out(f"{scene}, {method}", reason)
     table = pd.DataFrame(points, columns=list(POINTS))
+    if table.empty:
+        return {}
     costs = _costs(bench, references, table)
     return {
         "points": table.assign(seconds=costs),

@@ -239,6 +239,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
             for key, own in results.items()
         ]
     )
+    if cells.empty:
+        return {}
     counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
     kinds = [
         kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts

@@ -12,6 +12,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
@@ -95,6 +96,19 @@ def test_a_part_ends_with_its_time_and_says_what_it_left_out(tmp_path):
         ("1 of 3 tasks of tasks", "no time was left"),
         ("tasks: dies", "its process ended by itself"),
     ]
+
+
+def test_every_part_without_time_says_what_it_left_out(tmp_path):
+    for part in PARTS:
+        until = time.monotonic() + 0.2
+        bench = Bench(
+            tmp_path, True, part, report=lambda _: None, until=until, seconds=0.2
+        )
+        bench.save(import_module(f"archbench.{part}").measure(bench))
+        left = pd.read_csv(tmp_path / f"{part}_left_out.csv")
+        assert left["why"].eq("no time was left").any()
+    assert staleness(tmp_path) == ""
+    assert PARTS["speed"].title in write_page(tmp_path).read_text()
 
 
 def test_a_part_of_the_same_kernels_is_kept_and_one_of_others_is_not(
