@@ -75,7 +75,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         reference_of,
         {(name,): (name, quick) for name in names},
         limit,
-        0.3,
+        0.25,
     )
     references = {
         name: TypeAdapter(Reference).validate_python(content)
@@ -90,7 +90,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     }
     points: list[Row] = []
     for (scene, method), result in bench.run(
-        "errors", points_of, tasks, limit, 0.7
+        "errors", points_of, tasks, limit, 0.75
     ).items():
         if isinstance(result, dict):
             points += result["points"]

@@ -69,6 +69,26 @@ class TestEveryScene:
                     assert change == pytest.approx(matrix[contact, :, k], abs=1e-4)
 
 
+def test_the_normal_is_that_of_the_face_that_a_corner_lies_on():
+    corners = Corners(PULSE)
+    inner, outer = np.array(PULSE.joint_lines())[:, 3]
+    out = 0.5 * (outer - inner) / math.dist(outer, inner)
+    q = np.zeros((corners.count, 3))
+    q[2, 2], q[3] = (
+        0.1,
+        [*out, -0.05],
+    )  # the body after joint 3 slid outwards, and both turned
+    value, matrix = corners.linearise(q)
+    for contact, angle in ((6, 0.1), (7, -0.05)):
+        turned = np.exp(1j * angle) * (corners.normal[contact] @ [1.0, 1j])
+        normal = [turned.real, turned.imag]
+        assert matrix[contact, 0, 3:5] == pytest.approx(normal, abs=1e-12)
+        for k, column in enumerate(corners.columns[contact]):
+            moved = q + 1e-6 * (np.arange(q.size) == column).reshape(q.shape)
+            change = (corners.linearise(moved)[0] - value)[contact] / 1e-6
+            assert change == pytest.approx(matrix[contact, :, k], abs=1e-4)
+
+
 VERSION = "sideways 1"
 
 

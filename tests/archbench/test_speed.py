@@ -25,8 +25,8 @@ from archfrag.errors import InputError
 
 def test_a_record_that_is_not_there_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("archbench.solve.PRIVATE", tmp_path)
-    with pytest.raises(InputError, match="arch7_real_elc180 needs the record"):
-        with_samples(load_scene("arch7_real_elc180"))
+    with pytest.raises(InputError, match="arch7_real_pul164 needs the record"):
+        with_samples(load_scene("arch7_real_pul164"))
 
 
 @pytest.mark.parametrize("true", [0.93, 0.9999, 1.00002, 1.02, 1.4])
