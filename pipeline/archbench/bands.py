@@ -3,11 +3,10 @@
 Other tables are of limit states, designs and records that stand again (`COVERED`), of ratios, of
 planes in two measures, and of curves updated by damage.
 
-``python -m archbench.bands FOLDER FILE`` measures the posterior of few runs on the public data
-sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the evidence page.
+The posterior of few runs is measured on the public data sets of Van Biesbroeck, Gauchy, Feau and
+Garnier.
 """
 
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
+from archbench.solve import PRIVATE
 from archfrag.errors import FitError
 from archfrag.fragility.plane import fit_plane
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
@@ -35,13 +35,14 @@ BETA = 0.35
 LEVELS = np.exp(BETA * np.linspace(-2.2, 2.2, 15))
 P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
 COLUMNS = [*(f"p_{p:g}" for p in P), "theta", "beta"]
-STUDIES = {True: 200, False: 2000}
+STUDIES = {True: 200, False: 1500}
 FEWER = {True: (5, 10), False: (200, 1000)}  # studies of `COMPARED` and of `COVERED`
 SEED = 20261122
 CORRELATION = 0.5
 RECORDS_PER_EVENT = 3
 TWO_PEAKS = ((0.7, 0.0), (0.3, 2.5))  # weight and place of each, deviation 0.6
-LIMIT = 1800.0
+LIMITS = {True: 100.0, False: 1200.0}
+PUBLIC = PRIVATE / "validation" / "small_samples"
 TRUTH = (
     3.37611,
     0.30621,
@@ -355,55 +356,54 @@ def _study(
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """A row for each kind of sampling, family and size."""
+    """A row for each kind of sampling, family and size; and few runs, where their data are."""
     cases = [(sampling, "lognormal", n) for sampling in SIZES for n in SIZES[sampling]]
     cases += [
         (RECORDS, family, n) for family in list(FAMILIES)[1:] for n in SIZES[RECORDS]
     ]
     if bench.quick:
         cases = [case for case in cases if case[1] == "lognormal"][:3]
-    studies = STUDIES[bench.quick]
-    tasks: dict[tuple, tuple] = {(*case, studies): (*case, studies) for case in cases}
-    rows: list[dict[str, Any]] = []
-    for key, found in bench.run("bands", coverage_of, tasks, LIMIT).items():
-        head = dict(
-            zip(("sampling", "capacities", "size", "studies"), key, strict=True)
-        )
-        rows.append(head | ({"failed": found} if isinstance(found, str) else found))
     few, many = FEWER[bench.quick]
-    own: dict[tuple, tuple] = {(name, many): (name, many) for name in COVERED}
-    for (name, _), found in bench.run("bands_designs", coverage_in, own, LIMIT).items():
-        head = {
-            "sampling": name,
-            "capacities": "lognormal",
-            "size": COVERED[name].size,
-            "studies": many,
-        }
-        rows.append(head | ({"failed": found} if isinstance(found, str) else found))
-    own = {(name, few): (name, few) for name in COMPARED}
-    shown: list[dict[str, Any]] = []
-    for (name, _), found in bench.run(
-        "bands_ratio", coverage_of_ratios, own, LIMIT
-    ).items():
-        head = {"records": name, "studies": few}
-        shown.append(head | ({"failed": found} if isinstance(found, str) else found))
-    two: dict[tuple, tuple] = {
-        (n, e, few): (n, e, few) for n in PLANES for e in EXPLAINED
-    }
-    drawn: list[dict[str, Any]] = []
-    for key, found in bench.run("bands_planes", coverage_of_planes, two, LIMIT).items():
-        head = dict(zip(("runs", "explained", "studies"), key, strict=True))
-        drawn.append(head | ({"failed": found} if isinstance(found, str) else found))
-    number = 5 if bench.quick else 300
-    towns: dict[tuple, tuple] = {(*town, number): (*town, number) for town in TOWNS}
-    updates: list[dict[str, Any]] = []
-    for key, found in bench.run(
-        "bands_updates", coverage_of_updates, towns, LIMIT
-    ).items():
-        head = dict(zip(("earthquakes", "places", "arches", "studies"), key))
-        updates.append(head | ({"failed": found} if isinstance(found, str) else found))
-    tables = {"coverage": rows, "ratio": shown, "planes": drawn, "updates": updates}
-    return {name: pd.DataFrame(each) for name, each in tables.items()}
+
+    def table(
+        name: str, names: Sequence[str], function: Callable[..., Any], number: int, keys
+    ) -> pd.DataFrame:
+        tasks = {(*key, number): (*key, number) for key in keys}
+        limit = LIMITS[bench.quick]
+        found = bench.run(name, function, tasks, limit, shares.pop(0))
+        return pd.DataFrame(
+            [
+                dict(zip(names, key)) | {"studies": number} | own
+                for key, own in found.items()
+                if isinstance(own, dict)
+            ]
+        )
+
+    shares = [0.4, 0.6, 0.65, 0.85, 0.95]
+    heads: tuple[str, ...] = ("sampling", "capacities", "size")
+    coverage = table("bands", heads, coverage_of, STUDIES[bench.quick], cases)
+    own = [(name,) for name in COVERED]
+    more = table("bands_designs", heads[:1], coverage_in, many, own)
+    if len(more):
+        more["size"] = [COVERED[name].size for name in more["sampling"]]
+    both = pd.concat([coverage, more.assign(capacities="lognormal")])
+    tables = {"coverage": both[list(coverage)] if len(coverage) else both}
+    own = [(name,) for name in COMPARED]
+    tables["ratio"] = table("bands_ratio", ["records"], coverage_of_ratios, few, own)
+    keys = [(name, part) for name in PLANES for part in EXPLAINED]
+    heads = ("runs", "explained")
+    tables["planes"] = table("bands_planes", heads, coverage_of_planes, few, keys)
+    heads = ("earthquakes", "places", "arches")
+    number = 5 if bench.quick else 200
+    tables["updates"] = table(
+        "bands_updates", heads, coverage_of_updates, number, TOWNS
+    )
+    if PUBLIC.is_dir():
+        sets = FIRST if bench.quick else 100
+        tables["few_runs"] = few_runs(PUBLIC, list(PUBLISHED), sets)
+    else:
+        bench.leave_out("few runs", f"the public data sets are not in {PUBLIC.name}")
+    return tables
 
 
 def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
@@ -442,9 +442,3 @@ def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-if __name__ == "__main__":
-    few_runs(Path(sys.argv[1]), list(PUBLISHED), 100).to_csv(
-        sys.argv[2], index=False, float_format="%.4f"
-    )

@@ -19,7 +19,7 @@ from archfrag.simulation.simulate import onset
 
 FOLDER = Path(__file__).parent / "cases"
 # Longest that a case may take a method, all variants together [s].
-LIMIT = {True: 20.0, False: 600.0}
+LIMIT = {True: 20.0, False: 120.0}
 HELD = "held"
 BROKE = "broke"
 NO_ANSWER = "failed"

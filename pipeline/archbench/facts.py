@@ -212,6 +212,12 @@ def grazes(run: Run, tolerance: float) -> Finding:
     return _close(abs(back - run.start) / run.start, tolerance, "back at its start,")
 
 
+def known_peak(run: Run, value: float, tolerance: float) -> Finding:
+    """A peak displacement that others computed [m]."""
+    off = abs(run.response.peak_displacement - value) / value
+    return _close(off, tolerance, "peak")
+
+
 def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
     """The same peak displacement as another run of the case."""
     other = run.others[variant].response.peak_displacement
@@ -262,6 +268,7 @@ FACTS |= {
         zeno,
         newmark,
         grazes,
+        known_peak,
         same_peak,
         mirrors,
         never_higher,

@@ -7,7 +7,7 @@ shipped motions, each by rigid joints, by contact points inside their ends, and 
 import math
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -17,6 +17,8 @@ import pandas as pd
 
 import archfrag as af
 from archbench.runner import Bench, Row
+from archbench.scene import Array
+from archbench.solve import RECORDS
 from archfrag.errors import ArchfragError, UnitWarning
 
 # Radius, thickness [m], embrace [degrees], voussoirs, friction, height of piers [m]; 0: none.
@@ -49,9 +51,10 @@ CLOSE = 0.01
 FOLLOW = 12.0
 # Arches of the studies of theta, their stiffness and levels over the border of the longest pulse.
 STUDIED = (0, 3, 9, 13, 16)
+QUICK_STUDIED = (9,)
 STUDIED_STIFFNESS = (3e10, 1e11)
 SETS = 4
-LEVELS = 48
+LEVELS = {True: 16, False: 48}
 NAMES = {0: "shipped bridge", 9: "ring of 7 voussoirs"}
 MODELS = ("rigid", "inset", "face")
 BINS = (
@@ -106,7 +109,8 @@ def border_of(falls: Callable[[float], bool], start: float) -> float:
     return math.sqrt(low * high)
 
 
-def _half_sine(duration: float) -> af.Motion:
+def half_sine(duration: float) -> af.Motion:
+    """Half a sine of 1 g."""
     time = np.arange(0.0, duration + 0.25e-3, 5e-4)
     return af.Motion(9.80665 * np.sin(np.pi * np.minimum(time / duration, 1.0)), 5e-4)
 
@@ -115,6 +119,11 @@ def _falls(arch: af.Arch, motion: af.Motion, level: float) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnitWarning)
         return bool(af.simulate(arch, motion, level, follow=FOLLOW).collapsed)
+
+
+def border_under(arch: af.Arch, motion: af.Motion, onset: float) -> float:
+    """Return the least multiple of a motion from which an arch falls."""
+    return border_of(partial(_falls, arch, motion), LEAST * onset)
 
 
 def borders_of(number: int) -> list[Row]:
@@ -134,90 +143,83 @@ def borders_of(number: int) -> list[Row]:
                 continue
             row["onset_loss"] = 1.0 - min(now.plus, now.minus) / least
             for pulse in PULSES:
-                motion = _half_sine(pulse)
+                motion = half_sine(pulse)
                 began = time.process_time()
-
-                falls = partial(_falls, given, motion)
-                border = border_of(falls, LEAST * min(now.plus, now.minus))
+                border = border_under(given, motion, min(now.plus, now.minus))
                 spent = time.process_time() - began
                 rows.append({**row, "pulse": pulse, "border": border, "seconds": spent})
     return rows
 
 
-def theta_of(number: int, stiffness: float, records: str) -> list[Row]:
-    """Fit theta of one arch under the shipped motions by each model, with every fourth level."""
-    motions = list(af.read_motions(f"{records}/synthetic/*"))
-    arch = arch_of(number)
-    rows = list[Row]()
-    pulse = _half_sine(PULSES[-1])
-    middle = border_of(partial(_falls, arch, pulse), LEAST * af.onset(arch).plus)
-    levels = middle * np.geomspace(0.5, 3.0, LEVELS)
-    ways: dict[str, Row] = (
-        {model: {} for model in MODELS} if math.isfinite(stiffness) else STEPS
-    )
-    for model, options in ways.items():
-        given = with_joints(arch, model if model in MODELS else "rigid", stiffness)
-        began = time.process_time()
-        collapsed = []
-        failed = 0
-        for level in levels:
-            factors = [level * 9.80665 / motion.pga for motion in motions]
+def studies_of(
+    arches: Mapping[str, tuple[af.Arch, Row]], levels: Array, head: Row
+) -> list[Row]:
+    """Fit theta of arches under the shipped motions at the same levels, all in turn.
+
+    Each name has an arch and options of `simulate_many`.
+    """
+    motions = list(af.read_motions(f"{RECORDS}/synthetic/*"))
+    collapsed: dict[str, list[int]] = {name: [] for name in arches}
+    failed = dict.fromkeys(arches, 0)
+    spent = dict.fromkeys(arches, 0.0)
+    for level in levels:
+        factors = [level * 9.80665 / motion.pga for motion in motions]
+        for name, (arch, options) in arches.items():
+            began = time.process_time()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UnitWarning)
-                status = af.simulate_many(
-                    given, motions, factors, **options
-                ).status.values
-            collapsed.append(int((status == "collapsed").sum()))
-            failed += int((~np.isin(status, ("collapsed", "standing"))).sum())
-        seconds = (time.process_time() - began) / (LEVELS * len(motions))
-        for part in range(SETS):
-            curve = af.fit_stripes(
-                levels[part::SETS], collapsed[part::SETS], len(motions)
-            )
-            rows.append(
-                {
-                    "arch": number,
-                    "stiffness": stiffness,
-                    "set": part,
-                    "model": model,
-                    "theta": curve.theta,
-                    "beta": curve.beta,
-                    "failed": failed,
-                    "seconds": seconds,
-                }
-            )
+                runs = af.simulate_many(arch, motions, factors, **options)
+            status = runs["status"].values
+            spent[name] += time.process_time() - began
+            collapsed[name].append(int((status == "collapsed").sum()))
+            failed[name] += int((~np.isin(status, ("collapsed", "standing"))).sum())
+    rows = list[Row]()
+    for name in arches:
+        curve = af.fit_stripes(levels, collapsed[name], len(motions))
+        found: Row = {"theta": curve.theta, "beta": curve.beta, "failed": failed[name]}
+        found["seconds"] = spent[name] / (len(levels) * len(motions))
+        rows.append({**head, "model": name, **found})
     return rows
+
+
+def levels_of(arch: af.Arch, part: int, quick: bool) -> Array:
+    """One of `SETS` of levels about the border of the longest pulse [g]."""
+    middle = border_under(arch, half_sine(PULSES[-1]), af.onset(arch).plus)
+    return middle * np.geomspace(0.5, 3.0, LEVELS[quick])[part::SETS]
+
+
+def theta_of(number: int, stiffness: float, part: int, quick: bool) -> list[Row]:
+    """Fit theta of one arch by each model, or of rigid joints by other steps."""
+    arch = arch_of(number)
+    ways = (
+        {model: (with_joints(arch, model, stiffness), {}) for model in MODELS}
+        if math.isfinite(stiffness)
+        else {name: (arch, options) for name, options in STEPS.items()}
+    )
+    head = {"arch": number, "stiffness": stiffness, "set": part}
+    return studies_of(ways, levels_of(arch, part, quick), head)
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Borders and theta of all arches, and how far each model is from the face."""
     numbers = range(0, len(ARCHES), 4 if bench.quick else 1)
-    found = bench.run("joints", borders_of, {(n,): (n,) for n in numbers}, 1800.0)
-    borders = pd.DataFrame(
-        [row for rows in found.values() if isinstance(rows, list) for row in rows]
-    )
+    borders = bench.rows("joints", borders_of, {(n,): (n,) for n in numbers}, 0.4)
+    quick = bench.quick
     tasks = {
-        (number, stiffness): (number, stiffness, str(bench.records))
-        for number in STUDIED
+        (number, stiffness, part): (number, stiffness, part, quick)
+        for part in range(SETS)
+        for number in (QUICK_STUDIED if quick else STUDIED)
         for stiffness in (*STUDIED_STIFFNESS, math.inf)
         if math.isfinite(stiffness) or number in NAMES
     }
-    fits = bench.run("joints_theta", theta_of, tasks, 3600.0)
-    theta = pd.DataFrame(
-        [row for rows in fits.values() if isinstance(rows, list) for row in rows]
-    )
-    names = ("radius", "thickness", "embrace", "voussoirs", "friction", "piers")
-    arches = pd.DataFrame(ARCHES, columns=names)
+    theta = bench.rows("joints_theta", theta_of, tasks)
     return {
-        "arches": arches,
-        "borders": borders,
-        "theta": theta,
-        "errors": errors_table(borders),
-        "left_out": left_out_table(theta),
+        "errors": errors_table(borders) if len(borders) else borders,
+        "models": models_table(theta) if len(theta) else theta,
     }
 
 
-def left_out_table(theta: pd.DataFrame) -> pd.DataFrame:
+def models_table(theta: pd.DataFrame) -> pd.DataFrame:
     """Error of ln theta of each model and step, over sets, with the cost of a run."""
     keys = ["arch", "stiffness", "set"]
     exact = theta[theta["model"].isin(EXACT)].set_index(keys)["theta"]

@@ -5,7 +5,7 @@ difference. Every fourth level is one of four sets, each with all motions: what 
 two settings is their error of ln theta and the chaos of single runs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -27,37 +27,41 @@ SETTINGS += [Setting("time_stepping", "dt", value) for value in (2e-3, 1e-3, 5e-
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """Each arch by the reference and all settings."""
-    rows: list[Row] = []
+    """Each arch by the reference and all settings, which take turns at one set of levels."""
     levels = QUICK_LEVELS if bench.quick else LEVELS
+    chosen = (REFERENCE, *SETTINGS)
+    tasks = {
+        (arch, k, *each.columns.values()): (each, 0, arch, bench.quick, levels[k::SETS])
+        for arch in ARCHES
+        for k in range(SETS)
+        for each in chosen
+    }
+    found = bench.run("knee", run_study, tasks, LIMIT)
+    rows: list[Row] = []
     for arch in ARCHES:
-        place = (bench.records, arch, bench.quick, levels)
-        tasks = {
-            (arch, bench.quick, *each.columns.values()): (each, 0, *place)
-            for each in (REFERENCE, *SETTINGS)
-        }
-        found = bench.run("knee", run_study, tasks, LIMIT)
-        studies = {
-            each: Study("setting", each, 0, **result)
-            for each, result in zip((REFERENCE, *SETTINGS), found.values(), strict=True)
-            if not isinstance(result, str)
-        }
-        rows += [
-            {"arch": arch, **row} for row in errors_of_theta(studies, np.array(levels))
-        ]
+        studies: dict[Setting, list[Study]] = {}
+        for each in chosen:
+            own = [found.get((arch, k, *each.columns.values())) for k in range(SETS)]
+            parts = [
+                Study("", each, 0, **part) for part in own if isinstance(part, dict)
+            ]
+            if len(parts) == SETS:
+                studies[each] = parts
+        if REFERENCE in studies:
+            known = errors_of_theta(studies, np.array(levels))
+            rows += [{"arch": arch, **row} for row in known]
     return {"settings": pd.DataFrame(rows)}
 
 
-def errors_of_theta(studies: Mapping[Setting, Study], levels: Array) -> list[Row]:
+def errors_of_theta(
+    studies: Mapping[Setting, Sequence[Study]], levels: Array
+) -> list[Row]:
     """Cost [s] and error of ln theta over sets: mean, its standard error, and root mean square."""
     theta = {
         setting: np.array(
-            [
-                curve_of(levels[k::SETS], study.counts[:, :, k::SETS])[0]
-                for k in range(SETS)
-            ]
+            [curve_of(levels[k::SETS], own.counts)[0] for k, own in enumerate(sets)]
         )
-        for setting, study in studies.items()
+        for setting, sets in studies.items()
     }
     rows = []
     for setting, own in theta.items():
@@ -65,9 +69,9 @@ def errors_of_theta(studies: Mapping[Setting, Study], levels: Array) -> list[Row
         rows.append(
             {
                 **setting.columns,
-                "seconds": studies[setting].seconds
-                * RUNS
-                / studies[setting].counts[0].size,
+                "seconds": RUNS
+                * sum(each.seconds for each in studies[setting])
+                / sum(each.counts[0].size for each in studies[setting]),
                 "theta": np.exp(np.nanmean(own)),
                 "error": np.nanmean(off),
                 "standard_error": np.nanstd(off, ddof=1)

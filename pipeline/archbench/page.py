@@ -3,33 +3,50 @@
 import io
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import jinja2
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from archbench import charts
-from archbench.adapters.client import NAMES, solver_versions
+from archbench.adapters.client import MISSING, NAMES, solver_versions
 from archbench.quantities import QUANTITIES
-from archbench.runner import Bench, load_tables
+from archbench.runner import PARTS, QUICK, Bench, about_of, digest, load_tables
+from archbench.settings import available_methods
+from archbench.speed import cost_over
 from archfrag.errors import InputError
 from archfrag.files import replacing
-from archfrag.study.provenance import available_cores
+from archfrag.study.provenance import available_cores, strict_json
 
-PARTS = {
-    "speed": "Speed against accuracy",
-    "fragility": "Fragility: error of the curve against cost of the study",
-    "knee": "Knee: what an error of theta costs",
-    "growth": "Growth with the number of voussoirs",
-    "stability": "Stability: where methods fail",
-    "joints": "Joints that give",
-    "corner_cases": "Corner cases",
-    "bands": "How often bands hold the truth",
-}
 LINES = 10
+# Tables that charts are drawn of; what their rows are told apart by, and what is compared.
+DRAWN = {
+    "speed": ["points"],
+    "fragility": ["curves"],
+    "knee": ["settings"],
+    "growth": ["runs", "exponents"],
+    "stability": ["cells"],
+    "joints": ["errors", "models"],
+    "corner_cases": ["runs"],
+}
+OURS = ("auto", "time_stepping", "event_driven")
+ALIKE = {
+    "speed": ("points", ["scene", "quantity", "method", "value"], "seconds"),
+    "knee": ("settings", ["arch", "method", "value"], "seconds"),
+    "growth": ("runs", ["voussoirs", "method"], "seconds"),
+    "stability": ("cells", ["plane", "row", "value", "method"], "kind"),
+    "corner_cases": ("runs", ["case", "variant", "method"], "result"),
+    "joints": ("errors", ["arch", "stiffness", "pulse"], "error_rigid"),
+    "spans": ("borders", ["pulse", "spans"], "over_most"),
+}
+# How far a quick measurement may be from the page: costs by this factor, all else by so much.
+FACTOR = 2.0
+APART = 0.1
 
 
 def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
@@ -52,7 +69,9 @@ def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
 def figures_of(
     part: str, tables: dict[str, pd.DataFrame]
 ) -> Iterator[tuple[str, Figure]]:
-    """Name and figure of each chart of a part."""
+    """Name and figure of each chart of a part; none where a table of it is missing."""
+    if any(name not in tables for name in DRAWN.get(part, ())):
+        return
     if part == "fragility":
         for study, curves in tables["curves"].groupby("study", sort=False):
             yield f"fragility_{study}", charts.fragility_chart(curves)
@@ -69,9 +88,106 @@ def figures_of(
         for plane, cells in tables["cells"].groupby("plane", sort=False):
             yield f"stability_{plane}", charts.stability_map(cells)
     elif part == "joints":
-        yield "joints", charts.joints_chart(tables["errors"], tables["left_out"])
+        yield "joints", charts.joints_chart(tables["errors"], tables["models"])
     elif part == "corner_cases":
         yield "corner_cases", charts.corner_chart(tables["runs"])
+
+
+def other_points(points: pd.DataFrame) -> pd.DataFrame:
+    """Drawn points of others' solvers and baselines, with their cost over ours."""
+    shown = points[points["quantity"].isin(["amplitude", "peak", "position"])]
+    shown = shown[shown["drawn"].astype(bool)]
+    shown = shown.assign(error=np.maximum(shown["error"], shown["floor"]))
+    shown = shown.assign(over_ours=cost_over(shown, OURS))
+    return shown[~shown["method"].isin(OURS)]
+
+
+def solvers_table(points: pd.DataFrame, left_out: pd.DataFrame) -> pd.DataFrame:
+    """Least error of the collapse amplitude by scene and other solver, or why there is none.
+
+    With it, the cost of a run over that of ours at equal error.
+    """
+    known = set(available_methods())
+    others = [name for name in dict.fromkeys(points["method"]) if name not in known]
+    asked = points[points["quantity"] == "amplitude"]
+    shown = other_points(asked)
+    why = dict(zip(left_out["what"], left_out["why"], strict=True))
+    rows = []
+    for scene in dict.fromkeys(points["scene"]):
+        row = {"scene": scene}
+        for name in others:
+            own = shown[(shown["scene"] == scene) & (shown["method"] == name)]
+            said = why.get(f"{scene}, {name}", "no change of the verdict within reach")
+            if len(own):
+                best = own.loc[own["error"].idxmin()]
+                said = f"{100.0 * best['error']:.2g} %, × {best['over_ours']:.3g}"
+            row[name] = said
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def left_out_table(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
+    """What all parts left out, by reason."""
+    found = [
+        own["left_out"].assign(part=part)
+        for part, own in tables.items()
+        if "left_out" in own
+    ]
+    table = pd.concat([pd.DataFrame(columns=["part", "what", "why"]), *found])
+    # Reasons that differ in numbers alone are one.
+    kind = table["why"].str.replace(r"\d[\d.e+-]*", "…", regex=True)
+    grouped = table.groupby(["part", kind], sort=False)
+    counted = grouped.agg(cases=("what", "size"), first=("what", "first"))
+    return counted.reset_index()[["part", "why", "cases", "first"]]
+
+
+def compare(page: Path, quick: Path) -> pd.DataFrame:
+    """Figures of a page beside those of a quick measurement, and whether they agree.
+
+    Both are of the rows that both have. Costs are over ours at equal error, or over that of
+    `auto`, and may differ by `FACTOR`; fractions that are right, and errors, by `APART`.
+    """
+    rows = []
+    for part, (name, keys, value) in ALIKE.items():
+        tables = [load_tables(folder, part) for folder in (page, quick)]
+        if not all(name in own for own in tables):
+            continue
+        known, found = (
+            _by_key(own[name].dropna(subset=[value]), keys) for own in tables
+        )
+        both = known.index.intersection(found.index)
+        figures = [
+            _figures(part, own.loc[both].reset_index(), value) for own in (known, found)
+        ]
+        for what in figures[0].index.intersection(figures[1].index):
+            one, other = (own[what] for own in figures)
+            held = abs(other - one) <= APART
+            if value == "seconds":
+                held = max(one / other, other / one) <= FACTOR
+            row = {"part": part, "figure": what, "page": one, "quick": other}
+            rows.append({**row, "rows": len(both), "agree": bool(held)})
+    return pd.DataFrame(rows)
+
+
+def _by_key(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    table = table.fillna({"variant": ""})
+    grouped = table.groupby(keys, sort=False)
+    numbers = grouped.median(numeric_only=True)
+    return grouped.first().assign(**numbers)
+
+
+def _figures(part: str, table: pd.DataFrame, value: str) -> pd.Series:
+    """One figure for each method."""
+    if part == "speed":
+        found = other_points(table)
+        return found["over_ours"].groupby(found["method"]).median().dropna()
+    if value == "seconds":
+        cost = np.exp(np.log(table[value]).groupby(table["method"]).mean())
+        return (cost / cost["auto"]).drop("auto")
+    if "method" in table:
+        right = table[value].isin(["right", "undecided", "held"])
+        return right.groupby(table["method"]).mean()
+    return table[value].groupby(table[ALIKE[part][1][-1]]).median()
 
 
 def svg_of(figure: Figure) -> str:
@@ -99,12 +215,14 @@ def write_page(folder: Path) -> Path:
         small = {
             name: _html(table) for name, table in found.items() if len(table) <= 60
         }
-        about = (folder / f"{part}_about.json").read_text(encoding="utf-8")
-        sections.append((PARTS[part], list(drawn.items()), small, about))
-    summary = _html(summary_table(tables["speed"]["levels"])) if tables["speed"] else ""
+        about = strict_json(about_of(folder, part))
+        sections.append((PARTS[part].title, list(drawn.items()), small, about))
+    levels = tables["speed"].get("levels")
+    summary = "" if levels is None else _html(summary_table(levels))
     template = Path(__file__).with_name("page.html.j2").read_text(encoding="utf-8")
     page = jinja2.Environment(autoescape=False).from_string(template)
-    _write(folder / "index.html", page.render(sections=sections, summary=summary))
+    known = {"sections": sections, "summary": summary, "stale": staleness(folder)}
+    _write(folder / "index.html", page.render(known))
     return folder / "index.html"
 
 
@@ -113,57 +231,65 @@ def _write(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def staleness(folder: Path) -> str:
+    """One sentence on the parts whose tables are not of today's kernels; empty if all are."""
+    kept = {part: about_of(folder, part).get("kernels") for part in PARTS}
+    old = [part for part, own in kept.items() if own and own != digest(part)]
+    missing = [part for part, own in kept.items() if not own]
+    said = (("of other kernels than today's", old), ("not measured yet", missing))
+    found = [
+        f"{what}: {', '.join(PARTS[part].title.partition(':')[0] for part in parts)}"
+        for what, parts in said
+        if parts
+    ]
+    return f"Not all figures are of today ({'; '.join(found)})." if found else ""
+
+
 def gather(
     parts: Sequence[str],
-    output: Path,
-    *,
-    quick: bool = False,
-    records: Path | None = None,
-    real: Path | None = None,
-    solvers: Sequence[str] = (),
+    output: Path | None = None,
     workers: int | None = None,
     report: Callable[[str], None] = print,
 ) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
-    `parts` are of `PARTS`, all if empty; tables of other parts in `output` are left and shown.
-    `records` are those of the working folder, or of the checkout, if not given. `solvers` may be
-    "all" of those that are installed.
+    `parts` are of `PARTS`; "all" of them, or "quick" for the reduced set of those that are named,
+    or of all. A part whose tables in `output` are of the same sources is left as it is. All
+    solvers that are installed take part.
     """
-    for name in parts:
+    quick = "quick" in parts
+    named = [name for name in parts if name not in ("all", "quick")]
+    for name in named:
         if name not in PARTS:
             raise InputError(
-                f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}"
+                f"evidence has no part {name!r}; allowed are all, quick, "
+                f"{', '.join(PARTS)}"
             )
-    for name in solvers:
-        if name not in (*NAMES, "all"):
-            raise InputError(
-                f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}"
-            )
-    found = solver_versions(
-        NAMES if "all" in solvers else tuple(dict.fromkeys(solvers))
-    )
+    found = solver_versions(NAMES)
     for name, text in found.items():
-        if text.startswith("not installed") and "all" not in solvers:
-            raise InputError(f"--solvers: {name} {text}")
         report(f"{name}: {text}")
-    here = Path("records")
-    checkout = Path(__file__).parents[2] / "records"
+    folder = output or Path("results", "quick" if quick else "evidence")
     bench = Bench(
-        output,
+        folder,
         quick,
-        (records or (here if here.is_dir() else checkout)).resolve(),
-        None if real is None else real.resolve(),
-        {
-            name: text
-            for name, text in found.items()
-            if not text.startswith("not installed")
+        solvers={
+            name: text for name, text in found.items() if not text.startswith(MISSING)
         },
-        workers or available_cores(),
-        report,
+        workers=workers or available_cores(),
+        report=report,
     )
-    for part in parts or PARTS:
-        began = time.perf_counter()
-        bench.save(part, import_module(f"archbench.{part}").measure(bench))
-        report(f"{part}: {time.perf_counter() - began:.0f} s")
-    return write_page(output)
+    for part in PARTS if "all" in parts or not named else named:
+        seconds = 60.0 * PARTS[part].minutes * (QUICK if quick else 1.0)
+        began = time.monotonic()
+        own = replace(
+            bench, part=part, until=began + seconds, seconds=seconds, left_out=[]
+        )
+        if own.is_measured():
+            report(f"{part}: kept")
+            continue
+        for name in found.keys() - bench.solvers.keys():
+            own.leave_out(name, found[name])
+        own.save(import_module(f"archbench.{part}").measure(own))
+        report(f"{part}: {time.monotonic() - began:.0f} s")
+        write_page(folder)
+    return write_page(folder)

@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch import STANDARD_GRAVITY
-from archfrag.arch.geometry import cross, polygon_section
-
 FOLDER = Path(__file__).parent / "scenes"
+STANDARD_GRAVITY = 9.80665  # [m/s2]
 NO_SLIDING = 5.0  # the friction of joints without limit in solvers that have none
 
 Array = NDArray[np.float64]
@@ -129,9 +127,7 @@ class Scene:
     def bodies(self) -> Bodies:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
-        area, centroid, polar = map(
-            np.array, zip(*map(polygon_section, self.polygons()))
-        )
+        area, centroid, polar = map(np.array, zip(*map(_section, self.polygons())))
         own = density * area
         inertia = density * polar
         load = (
@@ -246,13 +242,27 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
+def _crosses(corners: Array) -> Array:
+    """Twice the area between the first corner and each side."""
+    x, y = corners.T
+    return x * np.roll(y, -1) - np.roll(x, -1) * y
+
+
 def _anticlockwise(*points: Array) -> Array:
     corners = np.array(points)
-    return (
-        corners
-        if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0
-        else corners[::-1]
-    )
+    return corners if _crosses(corners).sum() > 0.0 else corners[::-1]
+
+
+def _section(corners: Array) -> tuple[float, Array, float]:
+    """Area, centroid and polar second moment about it of a polygon."""
+    origin = corners.mean(axis=0)
+    arm = corners - origin
+    after = np.roll(arm, -1, axis=0)
+    twice = _crosses(arm)
+    area = 0.5 * twice.sum()
+    middle = twice @ (arm + after) / (6.0 * area)
+    polar = twice @ (arm**2 + arm * after + after**2).sum(axis=1) / 12.0
+    return area, origin + middle, polar - area * (middle**2).sum()
 
 
 class Corners:
@@ -261,7 +271,8 @@ class Corners:
     `joint`, `before`, `after` are (n_contact,): the joint and the bodies on both sides; the ground
     is the body after the last. `columns` (n_contact, 6) are those of both bodies among all
     positions. `normal` is that of the face of the body before, `arm_before` and `arm_after` reach
-    from either centroid (`place`) to the corner, (n_contact, 2) each, at rest [m].
+    from either centroid (`place`) to the corner, (n_contact, 2) each, at rest [m]. `inward` is
+    the sense of slip that takes the corner of the body after onto the face of the one before.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -285,14 +296,18 @@ class Corners:
         both = np.column_stack([self.before, self.after])
         self.columns = (3 * both[:, :, None] + np.arange(3)).reshape(-1, 6)
         self.normal = normal[self.joint]
+        sense = np.sign(along[:, 1] * normal[:, 0] - along[:, 0] * normal[:, 1])
+        self.inward = (sense[:, None] * [1.0, -1.0]).ravel()[: 2 * n_joint]
         self.arm_before = corner - self.place[self.before]
         self.arm_after = corner - self.place[self.after]
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
         """Gap and slip of each contact [m], and their derivatives, at positions (n_body, 3).
 
-        Values (n_contact, 2) are along the normal of the body before, and across it
-        (anticlockwise); derivatives (n_contact, 2, 6) by the body before, then by that after.
+        The corner that lies on the other body's face acts, along the normal of that face: a
+        normal of either body at will gets friction at open joints wrong by their rotation. Values
+        (n_contact, 2) are along the normal, and across it (anticlockwise); derivatives
+        (n_contact, 2, 6) by the body before, then by that after.
         """
         q = np.vstack([q, np.zeros(3)])
         rotation = np.exp(1j * q[:, 2])
@@ -300,14 +315,18 @@ class Corners:
         arm_before = rotation[self.before] * (self.arm_before @ [1.0, 1j])
         arm_after = rotation[self.after] * (self.arm_after @ [1.0, 1j])
         apart = centre[self.after] + arm_after - centre[self.before] - arm_before
-        normal = rotation[self.before] * (self.normal @ [1.0, 1j])
-        # The frame rotates with the body before, so its arm reaches the other's corner.
-        reach = arm_before + apart
+        normal = self.normal @ [1.0, 1j]
+        slip = ((1j * rotation[self.before] * normal).conj() * apart).real
+        on_after = slip * self.inward < 0.0
+        normal = normal * rotation[np.where(on_after, self.after, self.before)]
+        # The frame rotates with the face's body, so its arm reaches the other's corner.
+        reach_before = arm_before + np.where(on_after, 0.0, apart)
+        reach_after = arm_after - np.where(on_after, apart, 0.0)
         matrix = np.empty((len(apart), 2, 6))
         value = np.empty((len(apart), 2))
         for row, e in enumerate((normal, 1j * normal)):
             value[:, row] = (e.conj() * apart).real
-            spin = -(reach.conj() * e).imag, (arm_after.conj() * e).imag
+            spin = -(reach_before.conj() * e).imag, (reach_after.conj() * e).imag
             matrix[:, row] = np.column_stack(
                 [-e.real, -e.imag, spin[0], e.real, e.imag, spin[1]]
             )

@@ -23,6 +23,9 @@ from archfrag.simulation.response import Response
 from archfrag.simulation.simulate import simulate_runs
 
 RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]
+CHECKOUT = Path(__file__).resolve().parents[2]
+RECORDS = CHECKOUT / "records"
+PRIVATE = CHECKOUT.parent / "shared"  # what may not be given away
 NONE = np.zeros(0)
 Outcome = Callable[[float], bool | None]
 
@@ -78,11 +81,13 @@ def motion_of(scene: Scene) -> Motion:
     return Motion(*scene.ground_acceleration())
 
 
-def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
+def with_samples(scene: Scene) -> Scene:
     """The same scene with a record's samples in it, in units of its peak."""
     if scene.motion["kind"] != "record":
         return scene
-    places = [folder / scene.motion["file"] for folder in folders if folder is not None]
+    places = [
+        folder / scene.motion["file"] for folder in (RECORDS, PRIVATE / "records")
+    ]
     for place in places:
         if place.is_file():
             return with_motion(scene, read_motion(place), scene.motion["amplitude"])

@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -30,14 +29,17 @@ from archfrag.physics.methods.registry import AUTO, known_methods
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5
 STUDY = tuple(1.0 + 1e-5 * k for k in range(8))  # runs of a study, all but equal
-SHORT = 0.1  # short runs are repeated up to so much [s], up to so many times
+SHORT = 0.02  # short runs are repeated up to so much [s], up to so many times
 MOST = 15
+LONG = 0.05  # of studies of longer runs a part is enough [s]
+ONCE = 1.0  # runs of other solvers that took longer are not timed again [s]
+REPEATS = {True: 3, False: 5}
 LONGEST = (
     0.3,
     2.0,
 )  # no finer setting where a run takes longer [CPU s]: ours, other solvers
 FALL = 4.0  # other solvers need so long after our collapse to move two thicknesses [s]
-LIMIT = {True: 120.0, False: 480.0}
+LIMIT = {True: 60.0, False: 240.0}
 # After so much of a ladder's limit no finer setting is begun; a search takes so many runs.
 ENOUGH = 0.25
 SEARCH = 16.0
@@ -56,71 +58,103 @@ LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """Cost and errors of all methods, and of other solvers, on all scenes."""
+    """Cost and errors of all methods, and of other solvers, on all scenes.
+
+    Costs are measured last: in each round all methods take turns in a scene.
+    """
     quick = bench.quick
-    place = (bench.quick, (bench.records, bench.real))
     requested = "quick" if quick else "chart"
     names = [
         name
         for name in scene_names()
         if requested in load_scene(name).source.split(", ")
     ]
-    tasks = {(name, quick): (name, *place) for name in names}
-    left_out: list[tuple[str, str, str]] = []
-    references = {}
-    for (name, _), content in bench.run(
-        "references", reference_of, tasks, LIMIT[quick]
-    ).items():
-        if isinstance(content, str):
-            left_out.append((name, "all", content))
-        else:
-            references[name] = TypeAdapter(Reference).validate_python(content)
-    runs = {
-        (scene, method, quick): (reference, settings, *place)
+    limit = LIMIT[quick]
+    known = bench.run(
+        "references",
+        reference_of,
+        {(name,): (name, quick) for name in names},
+        limit,
+        0.25,
+    )
+    references = {
+        name: TypeAdapter(Reference).validate_python(content)
+        for (name,), content in known.items()
+        if isinstance(content, dict)
+    }
+    rows = ladders("quick" if quick else "values", bench.solvers)
+    tasks: dict[tuple, tuple] = {
+        (scene, method): (reference, settings, quick)
         for scene, reference in references.items()
-        for method, settings in ladders(
-            "quick" if quick else "values", bench.solvers
-        ).items()
+        for method, settings in rows.items()
     }
     points: list[Row] = []
-    for (scene, method, _), result in bench.run(
-        "speed", points_of, runs, LIMIT[quick]
+    for (scene, method), result in bench.run(
+        "errors", points_of, tasks, limit, 0.75
     ).items():
-        if isinstance(result, str):
-            result = {"points": [], "left_out": [result]}
-        points += result["points"]
-        left_out += [(scene, method, reason) for reason in result["left_out"]]
+        if isinstance(result, dict):
+            points += result["points"]
+            for reason in result["left_out"]:
+                bench.leave_out(f"{scene}, {method}", reason)
     table = pd.DataFrame(points, columns=list(POINTS))
-    known = [row for each in references.values() for row in _reference_rows(each)]
-    left = pd.DataFrame(left_out, columns=["scene", "method", "reason"])
+    if table.empty:
+        return {}
+    costs = _costs(bench, references, table)
     return {
-        "points": table,
-        "references": pd.DataFrame(known),
-        "levels": levels_table(table),
-        "left_out": left,
+        "points": table.assign(seconds=costs),
+        "references": pd.DataFrame(
+            [row for each in references.values() for row in _reference_rows(each)]
+        ),
+        "levels": levels_table(table.assign(seconds=costs)),
     }
 
 
-def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> Row | str:
+def _costs(
+    bench: Bench, references: dict[str, Reference], points: pd.DataFrame
+) -> pd.Series:
+    """Median over rounds of what each point's run takes; what it took once, without a round."""
+    tasks: dict[tuple, tuple] = {}
+    for k in range(REPEATS[bench.quick]):
+        for scene, own in points.groupby("scene", sort=False):
+            near = own["quantity"] == "amplitude"
+            chosen = own[own["seconds"] < ONCE].drop_duplicates(["method", "value"])
+            settings = [
+                (Setting(*row[:3]), seconds)
+                for *row, seconds in chosen[[*COLUMNS[:3], "seconds"]].values.tolist()
+            ]
+            names = ",".join(chosen["method"].unique())
+            key = k, scene, names, len(settings)
+            tasks[key] = (references[str(scene)], settings, bool(near.any()))
+    found = bench.run("costs", costs_of, tasks, LIMIT[bench.quick])
+    rows = [
+        (scene, *row)
+        for (_, scene, *_), own in found.items()
+        if isinstance(own, list)
+        for row in own
+    ]
+    keys = ["scene", "method", "value"]
+    measured = pd.DataFrame(rows, columns=[*keys, "study", "near"])
+    medians = measured.groupby(keys).median().reset_index()
+    both = points[[*keys, "quantity", "seconds"]].merge(medians, "left", keys)
+    cost = np.where(both["quantity"] == "amplitude", both["near"], both["study"])
+    seconds = np.where(np.isfinite(cost), cost, both["seconds"])
+    return pd.Series(seconds, points.index)
+
+
+def reference_of(name: str, quick: bool) -> Row | str:
     """Reference of a scene as plain types, or why there is none."""
     try:
-        return asdict(find_reference(with_samples(load_scene(name), folders), quick))
+        return asdict(find_reference(with_samples(load_scene(name)), quick))
     except ArchfragError as reason:
         return str(reason)
 
 
 def points_of(
-    reference: Reference,
-    settings: Sequence[Setting],
-    quick: bool,
-    folders: Sequence[Path | None],
+    reference: Reference, settings: Sequence[Setting], quick: bool
 ) -> dict[str, list]:
     """Rows of a ladder of settings on a scene, and what was left out of it."""
-    scene = with_samples(load_scene(reference.scene), folders)
+    scene = _scene_of(reference, settings[0])
     ours = settings[0].ours
-    if not ours:  # they go on where ours stop at rest: cut to 10 ms just after
-        end = 0.01 * math.ceil(reference.end_time / 0.01)
-        scene = replace(scene, duration=min(scene.duration, end))
     points: list[Row] = []
     began = time.perf_counter()
     why = ""
@@ -145,6 +179,13 @@ def points_of(
     return {"points": points, "left_out": [why] if why else []}
 
 
+def _scene_of(reference: Reference, setting: Setting) -> Scene:
+    """A reference's scene; for others, who go on where ours stop at rest, to 10 ms after it."""
+    scene = with_samples(load_scene(reference.scene))
+    end = 0.01 * math.ceil(reference.end_time / 0.01)
+    return scene if setting.ours else replace(scene, duration=min(scene.duration, end))
+
+
 def _rows(
     reference: Reference,
     scene: Scene,
@@ -153,19 +194,18 @@ def _rows(
     spent: float,
     quick: bool,
 ) -> list[Row]:
-    cost = _cost(scene, setting, spent, quick)
     errors = errors_of(
         observe(scene, run, reference.marks), reference.seen, scene.thickness
     )
 
-    def row(quantity: str, seconds: float, error: float, status: str = "") -> Row:
+    def row(quantity: str, error: float, status: str = "") -> Row:
         floor = reference.floor(quantity)
         drawn = not reference.why_not(quantity) and math.isfinite(error)
         return {
             "scene": reference.scene,
             "quantity": quantity,
             **setting.columns,
-            "seconds": seconds,
+            "seconds": spent,
             "error": error,
             "floor": floor,
             "drawn": drawn,
@@ -174,7 +214,7 @@ def _rows(
         }
 
     known = [name for name in OF_A_RUN if setting.ours or math.isfinite(errors[name])]
-    rows = [row(name, cost, errors[name], run.status) for name in known]
+    rows = [row(name, errors[name], run.status) for name in known]
     loaded = scene if setting.ours else replace(scene, duration=scene.duration + FALL)
     uncertainty = reference.error["amplitude"]
     if not math.isnan(uncertainty) and (
@@ -190,27 +230,36 @@ def _rows(
             if math.isnan(found.offset)
             else ""
         )
-        near = _cost(scene.at(NEAR * reference.amplitude), setting, spent, quick)
-        rows.append(row("amplitude", near, abs(found.offset), status))
+        rows.append(row("amplitude", abs(found.offset), status))
     return rows
 
 
-def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
-    """Median CPU time of a run as part of a study [s]."""
+def costs_of(
+    reference: Reference, settings: Sequence[tuple[Setting, float]], near: bool
+) -> list[tuple]:
+    """CPU time [s] of one run as part of a study by each setting in turn.
+
+    A row has the method, its value, and the time in the scene and, if asked for, near collapse.
+    """
+    rows = []
+    for setting, spent in settings:
+        scene = _scene_of(reference, setting)
+        scenes = [scene, scene.at(NEAR * reference.amplitude)][: 1 + near]
+        times = [_cost(each, setting, spent) for each in scenes]
+        rows.append((setting.method, setting.value, times[0], times[-1]))
+    return rows
+
+
+def _cost(scene: Scene, setting: Setting, spent: float) -> float:
     if not setting.ours:
-        again = 0 if spent > 1.0 else 1 if quick else 3
-        return float(
-            np.median([spent, *(solve(scene, setting).seconds for _ in range(again))])
-        )
-    enough = 3 if quick or spent > LONGEST[0] else 5
+        return solve(scene, setting).seconds
     factors = STUDY if known_methods()[setting.method].load("run_many") else STUDY[:1]
+    if spent > LONG:
+        factors = factors[:4]  # one for each lane
     times: list[float] = []
-    while len(times) < enough or (
-        len(factors) * sum(times) < SHORT and len(times) < MOST
-    ):
-        times.append(
-            float(np.mean([run.seconds for run in solve_many(scene, setting, factors)]))
-        )
+    while sum(times) * len(factors) < SHORT and len(times) < MOST:
+        runs = solve_many(scene, setting, factors)
+        times.append(float(np.mean([run.seconds for run in runs])))
     return float(np.median(times))
 
 
@@ -283,23 +332,20 @@ def levels_table(points: pd.DataFrame, quantity: str = "amplitude") -> pd.DataFr
     return pd.DataFrame(rows)
 
 
+def cost_over(points: pd.DataFrame, methods: Sequence[str]) -> pd.Series:
+    """Cost of each point over the least of methods in its scene whose error is no larger."""
+    own = points[points["method"].isin(methods)]
+    both = points.reset_index().merge(own, on=["scene", "quantity"])
+    enough = both[both["error_y"] <= both["error_x"]]
+    least = enough.groupby("index")["seconds_y"].min()
+    return points["seconds"] / least.reindex(points.index)
+
+
 def lost_table(points: pd.DataFrame) -> pd.DataFrame:
     """Points of others whose error `auto` reaches in that scene at more cost, or not at all."""
     kept = kept_errors(points)
-    auto = kept[kept["method"] == AUTO]
-    rows = []
-    for _, point in kept[kept["method"] != AUTO].iterrows():
-        same = auto["scene"].eq(point["scene"]) & auto["quantity"].eq(point["quantity"])
-        enough = auto[same & (auto["kept"] <= point["kept"])]
-        ours = float(enough["seconds"].min()) if len(enough) else math.inf
-        if ours > point["seconds"]:
-            rows.append(
-                {
-                    **point[
-                        ["scene", "quantity", "method", "parameter", "value", "seconds"]
-                    ],
-                    "error": point["kept"],
-                    "auto_seconds": ours,
-                }
-            )
-    return pd.DataFrame(rows)
+    kept = kept.assign(error=kept["kept"])
+    ours = (kept["seconds"] / cost_over(kept, [AUTO])).fillna(math.inf)
+    lost = kept.assign(auto_seconds=ours)[ours > kept["seconds"]]
+    columns = ["scene", "quantity", *COLUMNS[:3], "seconds", "error", "auto_seconds"]
+    return lost.loc[lost["method"] != AUTO, columns]

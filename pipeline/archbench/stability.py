@@ -211,35 +211,36 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         reference_of,
         {(case.plane, case.value): (case.scene, bench.quick) for case in chosen},
         6.0 * limit,
+        0.3,
     )
     tasks: dict[tuple, tuple] = {}
-    heads: list[Row] = []
+    heads: dict[tuple, Row] = {}
     for case in chosen:
-        known = expected[case.plane, case.value]
+        known = expected.get((case.plane, case.value))
         known = None if isinstance(known, str) else known
         peak = np.max(np.abs(case.scene.ground_acceleration()[0])) / STANDARD_GRAVITY
         must_rest = bool(peak <= largest_load(case.scene))
         for row, setting in _settings(case, bench):
             key = case.plane, row, *setting.columns.values()
             tasks[key] = (case.scene, setting, known, must_rest)
-            heads.append(
-                {
-                    "plane": case.plane,
-                    "axis": PLANES[case.plane]["axis"],
-                    "row": row,
-                    **setting.columns,
-                    "expected": known,
-                    "must_rest": must_rest,
-                }
-            )
+            heads[key] = {
+                "plane": case.plane,
+                "axis": PLANES[case.plane]["axis"],
+                "row": row,
+                **setting.columns,
+                "expected": known,
+                "must_rest": must_rest,
+            }
     late = {"kind": FAILURES[0], "failures": FAILURES[0]}
-    results = bench.run("stability", judge_cell, tasks, limit).values()
+    results = bench.run("stability", judge_cell, tasks, limit)
     cells = pd.DataFrame(
         [
-            head | ({"status": found} | late if isinstance(found, str) else found)
-            for head, found in zip(heads, results)
+            heads[key] | ({"status": own} | late if isinstance(own, str) else own)
+            for key, own in results.items()
         ]
     )
+    if cells.empty:
+        return {}
     counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
     kinds = [
         kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts

@@ -1,6 +1,8 @@
 """Scenes and adapters: the chain that every solver is given, and the contract that all keep."""
 
 import math
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -67,6 +69,26 @@ class TestEveryScene:
                     assert change == pytest.approx(matrix[contact, :, k], abs=1e-4)
 
 
+def test_the_normal_is_that_of_the_face_that_a_corner_lies_on():
+    corners = Corners(PULSE)
+    inner, outer = np.array(PULSE.joint_lines())[:, 3]
+    out = 0.5 * (outer - inner) / math.dist(outer, inner)
+    q = np.zeros((corners.count, 3))
+    q[2, 2], q[3] = (
+        0.1,
+        [*out, -0.05],
+    )  # the body after joint 3 slid outwards, and both turned
+    value, matrix = corners.linearise(q)
+    for contact, angle in ((6, 0.1), (7, -0.05)):
+        turned = np.exp(1j * angle) * (corners.normal[contact] @ [1.0, 1j])
+        normal = [turned.real, turned.imag]
+        assert matrix[contact, 0, 3:5] == pytest.approx(normal, abs=1e-12)
+        for k, column in enumerate(corners.columns[contact]):
+            moved = q + 1e-6 * (np.arange(q.size) == column).reshape(q.shape)
+            change = (corners.linearise(moved)[0] - value)[contact] / 1e-6
+            assert change == pytest.approx(matrix[contact, :, k], abs=1e-4)
+
+
 VERSION = "sideways 1"
 
 
@@ -131,6 +153,21 @@ def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
         solver.run(PULSE, 1e-5)
 
 
+def test_the_process_of_a_solver_needs_numpy_alone():
+    """The interpreter of the system, in which Siconos is, has nothing of archfrag's."""
+    code = (
+        "import runpy, sys; sys.modules.update(dict.fromkeys("
+        "('archfrag', 'shapely', 'scipy', 'lazy_loader')))\n"
+        "sys.argv = ['drive.py', 'archbench.nothing_adapter']; "
+        f"runpy.run_path({str(Path(client.__file__).with_name('drive.py'))!r}, "
+        "run_name='__main__')"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd="/"
+    )
+    assert "No module named 'archbench.nothing_adapter'" in found.stdout, found.stderr
+
+
 # Largest relative error of the keystone before the first impact, and of the block; `lmgc90` starts
 # from rest.
 ERRORS = {
@@ -138,6 +175,7 @@ ERRORS = {
     "pinocchio": (0.02, 0.06),
     "lmgc90": (0.01, None),
     "mujoco_corners": (0.1, 0.08),
+    "mujoco_warp": (0.1, 0.08),
     "pymunk": (0.04, 0.1),
 }
 

@@ -79,9 +79,10 @@ def test_the_knee_is_measured_beside_the_reference_on_the_same_records():
         np.log(1.4) + 0.5 * np.random.default_rng(3).normal(size=(100, 1))
     )
     studies = {
-        setting: Study(
-            "", setting, 0, (capacity * factor < LEVELS).astype(int).tolist(), 1.0
-        )
+        setting: [
+            Study("", setting, 0, (capacity * factor < own).astype(int).tolist(), 1.0)
+            for own in (LEVELS[k :: knee.SETS] for k in range(knee.SETS))
+        ]
         for setting, factor in ((knee.REFERENCE, 1.0), (FINE, 1.15))
     }
     reference, row = knee.errors_of_theta(studies, LEVELS)
@@ -91,10 +92,10 @@ def test_the_knee_is_measured_beside_the_reference_on_the_same_records():
 
 def test_a_study_runs_the_main_job_s_records_and_levels():
     job = load_study(ROOT / "configs" / "ring.yaml")
-    scenes, levels = scenes_of(ROOT / "records", SHIPPED, False)
+    scenes, levels = scenes_of(SHIPPED, False)
     assert len(scenes) == 30
     assert levels == pytest.approx(job.intensity.given)
-    found = run_study(COARSE, 0, ROOT / "records", SHIPPED, True)
+    found = run_study(COARSE, 0, SHIPPED, True)
     outcomes = np.array(found["outcomes"], float)
     assert outcomes.shape == (20, 8)
     assert outcomes[:, 0].sum() == 0.0 < found["seconds"]
@@ -104,7 +105,7 @@ def test_a_study_runs_the_main_job_s_records_and_levels():
 def test_the_page_is_made_from_tables_alone(tmp_path):
     tables = tables_from({**EXACT, ("setting", COARSE): 1.3}, scatter=0.1)
     named = {name: table.assign(study="shipped") for name, table in tables.items()}
-    Bench(tmp_path, report=lambda _: None).save("fragility", named)
+    Bench(tmp_path, part="fragility", report=lambda _: None).save(named)
     assert "<svg" in page.write_page(tmp_path).read_text()
 
 

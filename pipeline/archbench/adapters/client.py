@@ -14,7 +14,8 @@ from archbench.adapters.drive import Outcome
 from archbench.scene import Scene
 
 # MuJoCo with contact points at corners, which is more accurate than its own between hulls.
-NAMES = ("mujoco_corners", "pymunk", "lmgc90", "siconos", "pinocchio")
+NAMES = ("mujoco_corners", "mujoco_warp", "pymunk", "lmgc90", "siconos", "pinocchio")
+MISSING = "not installed"
 MODULE = "archbench.adapters.{}_adapter"
 _START_LIMIT = 900.0  # some compile when they start [s]
 _THREADS = dict.fromkeys(
@@ -99,13 +100,13 @@ def _read(process: subprocess.Popen, limit: float) -> dict[str, Any]:
 
 
 def solver_versions(names: Sequence[str]) -> dict[str, str]:
-    """Version of each solver, or "not installed: " and why it cannot be used here."""
+    """Version of each solver, or `MISSING` and why it cannot be used here."""
     found = {}
     for name in names:
         try:
             solver = OtherSolver(name)
         except SolverMissing as reason:
-            found[name] = f"not installed: {reason}"
+            found[name] = f"{MISSING}: {reason}"
         else:
             found[name] = solver.version
             solver.close()

@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,7 +19,10 @@ import numpy as np
 if __name__ == "__main__":
     # The interpreter may be another's, in which archfrag is not installed; its own folder, put
     # first because this file is run as a script, would hide other modules.
+    package = ModuleType("archbench")
+    package.__path__ = [str(Path(__file__).resolve().parents[1])]
     sys.path[0] = str(Path(__file__).resolve().parents[2])
+    sys.modules["archbench"] = package  # without the methods that it registers
 
 from archbench.scene import Array, Scene
 

@@ -15,8 +15,7 @@ TOLERANCE = 1e-10
 IMPRATIO = 10.0
 SOLREF_STEPS = 2.0
 SOLIMP = (0.99, 0.9999, 0.0001, 0.5, 2.0)
-RADIUS = 1e-3  # of corners [m]; of faces beyond their joint; [m]
-REACH = 0.05
+RADIUS = 1e-3  # of corners [m]
 HALF_DEPTH = 0.5
 
 
@@ -68,45 +67,48 @@ def _model(scene: Scene, dt: float) -> mujoco.MjModel:
 
 
 def _add_contacts(spec: mujoco.MjSpec, bodies: list, scene: Scene, time: float) -> None:
-    """Pairs of a thin box, the face of the body before, and a sphere, the corner of that after."""
+    """Pairs of a thin box, a face, and a sphere, a corner of the body on its other side."""
     corners = Corners(scene)
     silent = {"contype": 0, "conaffinity": 0}
-    bodies_of = zip(corners.joint, corners.before, corners.after)
-    for i, (joint, before, after) in enumerate(bodies_of):
-        normal = corners.normal[i]
-        face = f"face{joint}"
-        corner = f"corner{i}"
-        if i % 2 == 0:
-            along = corners.arm_before[i + 1] - corners.arm_before[i]
-            length = np.hypot(*along)
-            half_angle = -0.5 * math.atan2(along[1], along[0])
-            x, z = corners.arm_before[i] + 0.5 * along - 0.1 * length * normal
-            half = 0.5 * length + REACH * scene.thickness
-            bodies[before].add_geom(
-                name=face,
-                type=mujoco.mjtGeom.mjGEOM_BOX,
+    friction = [scene.finite_friction] * 2 + [0.0] * 3
+    sides = (
+        (corners.before, corners.arm_before, corners.after, corners.arm_after, 1.0),
+        (corners.after, corners.arm_after, corners.before, corners.arm_before, -1.0),
+    )
+    for side, (owner, arm, other, reach, sense) in enumerate(sides):
+        for i, joint in enumerate(corners.joint):
+            normal = sense * corners.normal[i]
+            face = f"face{joint} {side}"
+            corner = f"corner{i} {side}"
+            if i % 2 == 0:
+                along = arm[i + 1] - arm[i]
+                length = np.hypot(*along)
+                half_angle = -0.5 * math.atan2(along[1], along[0])
+                x, z = arm[i] + 0.5 * along - 0.1 * length * normal
+                bodies[owner[i]].add_geom(
+                    name=face,
+                    type=mujoco.mjtGeom.mjGEOM_BOX,
+                    pos=[x, 0.0, z],
+                    **silent,
+                    quat=[math.cos(half_angle), 0.0, math.sin(half_angle), 0.0],
+                    size=[0.5 * length, HALF_DEPTH, 0.1 * length],
+                )
+            x, z = reach[i] + RADIUS * normal
+            bodies[other[i]].add_geom(
+                name=corner,
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 pos=[x, 0.0, z],
+                size=[RADIUS, 0.0, 0.0],
                 **silent,
-                quat=[math.cos(half_angle), 0.0, math.sin(half_angle), 0.0],
-                size=[half, HALF_DEPTH, 0.1 * length],
             )
-        x, z = corners.arm_after[i] + RADIUS * normal
-        bodies[after].add_geom(
-            name=corner,
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=[x, 0.0, z],
-            size=[RADIUS, 0.0, 0.0],
-            **silent,
-        )
-        friction = [scene.finite_friction] * 2 + [0.0] * 3
-        spec.add_pair(
-            geomname1=face,
-            geomname2=corner,
-            condim=3,
-            friction=friction,
-            solref=[time, 1.0],
-            solimp=SOLIMP,
-        )
+            spec.add_pair(
+                geomname1=face,
+                geomname2=corner,
+                condim=3,
+                friction=friction,
+                solref=[time, 1.0],
+                solimp=SOLIMP,
+            )
 
 
 build = MujocoStepper
