@@ -23,7 +23,7 @@ from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
-from archfrag.study.runs.store import gather, make_plan, read_part
+from archfrag.study.runs.store import Plan, gather, make_plan, read_part
 from archfrag.study.steps import only_run
 from archfrag.system import stoppable
 from tests.study.small import ROOT, changed
@@ -195,6 +195,30 @@ def test_an_error_of_a_run_ends_the_batch_at_once(copied, monkeypatch):
     for threads in (1, 4):
         with pytest.raises(InputError, match="this arch has no key stone"):
             run_batch(cleared(copied.study), workers=threads, quiet=True)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_error_among_runs_that_share_lanes_ends_all_threads(
+    copied, monkeypatch, threads
+):
+    begun = set(threading.enumerate())
+    known = Plan.ground
+
+    def ground(self, arch, record, factor):
+        if arch == 1 and record == 1:
+            raise InputError("this record is gone")
+        return known(self, arch, record, factor)
+
+    monkeypatch.setattr(Plan, "ground", ground)
+    with pytest.raises(InputError, match="this record is gone"):
+        run_batch(
+            changed(cleared(copied.study), "execution", chunk=2, workers=threads),
+            quiet=True,
+        )
+    until = time.monotonic() + 20.0
+    while set(threading.enumerate()) - begun and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not set(threading.enumerate()) - begun
 
 
 def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatch):
