@@ -101,6 +101,7 @@ def test_motions_come_and_go():
         apart = rng.normal(size=(n, 2, 2)) if far else None
         one = grounds_of([(*given, apart)], [float(turn)])
         number = places.put(one, list(held))
+        assert number not in held
         assert places.put(one, [*held, number]) == number
         held[number] = one
         whole = places.grounds
