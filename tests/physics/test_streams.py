@@ -28,11 +28,13 @@ FACTORS = (0.01, 3.0, 5.0, 8.0)
 
 
 def waves(sizes=(90, 2, 160, 40, 120)):
+    """Motions of unlike steps and lengths; the last one comes after another."""
     rng = np.random.default_rng(5)
-    return [
+    made = [
         af.Motion(6.0 * np.hanning(n) * rng.normal(size=n), 0.02 + 1e-3 * k)
         for k, n in enumerate(sizes)
     ]
+    return [*made, made[0].then(made[0].scaled(0.5), 0.3)]
 
 
 def streamed(arch, pairs, most, **given):

@@ -19,6 +19,7 @@ import pytest
 from archfrag.errors import InputError, OutputError
 from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
+from archfrag.simulation.simulate import simulate
 from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute, workers
@@ -163,6 +164,19 @@ def test_threads_and_chunks_change_no_bit_and_start_no_process(
         )
     assert set(psutil.Process().children(recursive=True)) <= before
     assert [len(graph) for graph in graphs] == [1, 2, 16]
+    plan = make_plan(study)
+    cases, rows = found[0][:2]
+    for case, row in zip(cases, rows):
+        motion = plan.motion(plan.records[case["record"]])
+        given = study.method.model_dump(exclude={"name"})
+        alone = simulate(
+            plan.arch(case["arch"]),
+            motion,
+            plan.factors(cases[cases == case])[0],
+            study.method.name,
+            **given,
+        )
+        assert (alone.steps, alone.end_time) == (row["steps"], row["end_time"])
     parts = [len(read_part(path)) for path in make_plan(study).parts.glob("*.npy")]
     assert sum(parts) == len(found[0][0])
     assert max(parts) <= 3
