@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,7 +14,6 @@ from archfrag.arch.quasi_static import SlowArch
 from archfrag.motions.motion import Motion
 from archfrag.physics.kernels import load
 from archfrag.physics.kernels.__main__ import make_all_ready
-from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.oscillator import largest_response
 from archfrag.simulation.arguments import check_compiled, check_method, method_names
 from archfrag.simulation.rest import onset
@@ -74,7 +72,7 @@ def is_shipped() -> bool:
 
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
-    return all(load.is_ready(name) for name in load.of_all())
+    return all(load.is_ready(name) for name in load.OF_ALL)
 
 
 def used_kernels() -> dict[str, list[Any]]:
@@ -89,11 +87,8 @@ def used_kernels() -> dict[str, list[Any]]:
         for wave in (motion.acceleration, motion.acceleration * 1j):
             largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
         yield
-        for count in LANES:
-            os.environ["ARCHFRAG_LANES"] = str(count)
-            simulate_many(arch, motion, [0.5], method="time_stepping")
-            yield
-        del os.environ["ARCHFRAG_LANES"]
+        simulate_many(arch, motion, [0.5], method="time_stepping")
+        yield
         simulate(arch, motion, method="time_stepping")
         simulate_many(arch, motion, [0.5], method="event_driven")
         simulate(arch, motion, method="event_driven")
