@@ -1,6 +1,6 @@
 """Ground motions of many runs: impulses over steps, segments between samples, and rest."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -56,6 +56,9 @@ class Grounds(NamedTuple):
     time_step: np.ndarray  # (n_motion,) [s]
     # (n_motion,) when a run notes whether the chain still moves; 0: never [s]
     noted: np.ndarray
+
+
+OF_SAMPLES = Grounds._fields[:6]  # those with a row for each sample
 
 
 def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
@@ -138,6 +141,61 @@ def grounds_of(motions: Sequence[tuple[Any, ...]], noted=()) -> Grounds:
     )
     after = np.array(noted if len(noted) else np.zeros(step.size), float)
     return Grounds(joined(x), joined(y), of_x, of_y, far, breaks, first, step, after)
+
+
+class MotionPlaces:
+    """Ground motions that come and go, in the arrays of one `Grounds`.
+
+    The motion in place k has the number 2 k; odd numbers are of the gaps between.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._held: list[Grounds | None] = [None] * count
+        self._last = 0
+        self.grounds = grounds_of([(np.zeros(1), None, 1.0)] * (2 * count))
+
+    def put(self, one: Grounds, used: Collection[int]) -> int:
+        """Hold a motion, unless it is held already; return its number.
+
+        `used` are the numbers of motions that must stay; they leave a place free.
+        """
+        held = self._held
+        for place, other in enumerate(held):
+            if other is one:
+                return 2 * place
+        order = np.roll(range(len(held)), -1 - self._last).tolist()
+        place = self._last = next(k for k in order if 2 * k not in used)
+        held[place] = one
+        size = self.grounds.horizontal.size // len(held)
+        fits = one.horizontal.size <= size
+        if fits and bool(one.far.size) <= bool(self.grounds.far.size):
+            self._write(place, one)
+            return 2 * place
+        rows = len(held) * max(one.horizontal.size, size)
+        like = one if one.far.size else one._replace(far=self.grounds.far)
+        larger = {
+            name: np.zeros((rows, *values.shape[1:]), values.dtype)
+            for name, values in zip(OF_SAMPLES, like)
+            if len(values)
+        }
+        self.grounds = self.grounds._replace(**larger)
+        for each, other in enumerate(held):
+            if other is not None:
+                self._write(each, other)
+        return 2 * place
+
+    def _write(self, place: int, one: Grounds) -> None:
+        whole = self.grounds
+        start = place * (whole.horizontal.size // len(self._held))
+        end = start + one.horizontal.size
+        for name, values in zip(OF_SAMPLES, one):
+            to = getattr(whole, name)
+            if len(to):
+                to[start:end] = values if len(values) else 0.0
+        number = 2 * place
+        whole.first[number : number + 2] = start, end
+        whole.time_step[number] = one.time_step[0]
+        whole.noted[number] = one.noted[0]
 
 
 def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:

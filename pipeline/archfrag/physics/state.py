@@ -328,7 +328,7 @@ def allocate(kind, model: Model, zeros: Zeros, **first: int):
 
 
 def new_state(model: Model, zeros: Zeros = np.zeros) -> State:
-    """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
+    """Allocate the state of one run, or of several with `lane_array` as `zeros`."""
     n_row = model.mass.size
     sizes = {"loss": Loss, "clock": Clock, "count": Count, "energy": Energy}
     first = {name: len(entries) for name, entries in sizes.items()}
@@ -339,7 +339,7 @@ def new_state(model: Model, zeros: Zeros = np.zeros) -> State:
 
 
 def new_work(model: Model, zeros: Zeros = np.zeros) -> Work:
-    """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
+    """Allocate the workspace of one run, or of several with `lane_array` as `zeros`."""
     n_row = model.mass.size
     n_tie = len(model.tie)
     rows = dict.fromkeys(("rotated", "free", "solved", "position"), n_row)
@@ -359,7 +359,7 @@ def columns_of(array: ndarray) -> ndarray:
 
 
 def new_runs(law: Law, model: Model, zeros: Zeros = np.zeros, **own) -> Runs:
-    """Allocate one run, or four with `lane_array` as `zeros`.
+    """Allocate one run, or several with `lane_array` as `zeros`.
 
     `own` has the fields of `Runs` that its law needs besides.
     """

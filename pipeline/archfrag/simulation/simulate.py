@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from archfrag.physics.methods.registry import AUTO, FACE_STEP, OWN_STEP, MethodI
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
 from archfrag.physics.steps.face_rest import damping_of_steps, longest_step
+from archfrag.physics.steps.run import PLACES, lanes_for
 from archfrag.simulation import arguments
 from archfrag.simulation.arguments import LOSS_LIMIT
 from archfrag.simulation.response import (
@@ -341,6 +343,76 @@ def results_of_runs(
     return results, spent * work / work.sum(), grounds.noted[motion]
 
 
+class Stream:
+    """Runs of one arch that go on side by side, to which others are added meanwhile.
+
+    Each has the results of `simulate_many` to the last bit, whatever goes beside it. `given` are
+    other arguments of `simulate`. At most `PLACES` may be held at once.
+    """
+
+    def __init__(self, arch: Arch, **given) -> None:
+        arguments.check_compiled(plain=False)
+        check_stands(arch)
+        self._arch = arch
+        self._given = given
+        self.lanes = lanes_for(arch.chain)  # runs that go side by side
+        self._lanes: Any = None
+        self._keys: dict[int, Any] = {}  # of the runs in lanes, by their numbers
+        # Runs that do not go side by side: key, motion, factor.
+        self._others: list[tuple[Any, Motion, float]] = []
+        self._paid = np.zeros((2, PLACES))  # steps paid for so far, and their time [s]
+        self._ground = lru_cache(PLACES)(self._ground_of)
+
+    @property
+    def held(self) -> int:
+        """Number of runs that have not ended."""
+        return len(self._keys) + len(self._others)
+
+    def _ground_of(self, motion: Motion) -> Grounds:
+        moved = (self._given.get(name) for name in ("wave_speed", "bases"))
+        return _grounds([motion], self._arch, *moved)[0]
+
+    def add(self, key: Any, motion: Motion, factor: float) -> None:
+        """Add a run; `key` comes back with its results."""
+        info, options = _checked_call(self._arch, [motion], [factor], **self._given)
+        if self._lanes is None and not self._others:
+            make: Any = info.load("lanes")
+            self._lanes = make and make(self._arch.chain, options)
+        if self._lanes is None:
+            self._others.append((key, motion, factor))
+            return
+        number = self._lanes.add(self._ground(motion), factor, options)
+        self._keys[number] = key, motion
+        self._paid[:, number] = 0.0
+
+    def go_on(self) -> tuple[list[Any], Outcomes, np.ndarray, np.ndarray]:
+        """Go on until a run has ended and leaves room, or for a while if there is room.
+
+        Return the keys of the runs that have ended, and what `results_of_runs` returns of them.
+        """
+        if self._lanes is None:
+            keys, motions, factors = zip(*self._others)
+            self._others.clear()
+            made = results_of_runs(self._arch, motions, factors, **self._given)
+            return list(keys), *made
+        started = time.perf_counter()
+        ended, results = self._lanes.go_on()
+        spent = time.perf_counter() - started
+        held = list(self._keys)
+        steps = self._lanes.steps[held]
+        new = 1.0 + steps - self._paid[0, held]
+        self._paid[0, held] = steps
+        self._paid[1, held] += spent * new / new.sum()
+        given = [self._keys.pop(number) for number in ended]
+        starts = [self._ground(motion).noted[0] for _, motion in given]
+        return (
+            [key for key, _ in given],
+            results,
+            self._paid[1, ended],
+            np.array(starts),
+        )
+
+
 def simulate_runs(
     arch: Arch,
     motions: Sequence[Motion],
@@ -372,7 +444,7 @@ def simulate_many(
     dt: float | None = None,
     **more,
 ) -> xarray.Dataset:
-    """Simulate one arch under many scaled ground motions, four runs at a time.
+    """Simulate one arch under many scaled ground motions, several runs at a time.
 
     Each run has the same results, to the last bit, as `simulate` without a history. Of a bridge
     there is also `collapse_place`, the name of the joint.

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from archfrag.arch.quasi_static import SlowArch
 from archfrag.motions.motion import Motion
 from archfrag.physics.kernels import load
 from archfrag.physics.kernels.__main__ import make_all_ready
+from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.oscillator import largest_response
 from archfrag.simulation.arguments import check_compiled, check_method, method_names
 from archfrag.simulation.rest import onset
@@ -72,7 +74,7 @@ def is_shipped() -> bool:
 
 def kernels_are_compiled() -> bool:
     """Return whether `warmup` has only to load the kernels of a study."""
-    return all(load.is_ready(name) for name in load.OF_ALL)
+    return all(load.is_ready(name) for name in load.of_all())
 
 
 def used_kernels() -> dict[str, list[Any]]:
@@ -87,8 +89,11 @@ def used_kernels() -> dict[str, list[Any]]:
         for wave in (motion.acceleration, motion.acceleration * 1j):
             largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
         yield
-        simulate_many(arch, motion, [0.5], method="time_stepping")
-        yield
+        for count in LANES:
+            os.environ["ARCHFRAG_LANES"] = str(count)
+            simulate_many(arch, motion, [0.5], method="time_stepping")
+            yield
+        del os.environ["ARCHFRAG_LANES"]
         simulate(arch, motion, method="time_stepping")
         simulate_many(arch, motion, [0.5], method="event_driven")
         simulate(arch, motion, method="event_driven")

@@ -7,9 +7,9 @@ needs as one module, optimises it once (llvmlite's public passes), and makes an 
 (`load`). Python calls the functions in that file by address through ctypes, without its lock.
 
 A struct (`structs`) reaches a kernel as one pointer, to a table of the addresses and sizes of its
-arrays. `lower` tells numba how to treat a struct, a kernel among a kernel's globals, and a number
-of four runs (`numbers`). If the source is that of the LLVM code in ``shipped`` (`cache`), nothing
-is compiled and numba is not imported.
+arrays. `lower` tells numba how to treat a struct, a kernel among a kernel's globals, and numbers
+of several runs (`primitives`). If the source is that of the LLVM code in ``shipped`` (`cache`),
+nothing is compiled and numba is not imported.
 
 Names of numba that its documentation does not promise are `compile_extra`, `Flags`, `cpu_target`
 and `AttributeTemplate`. Of objects that it hands over, `compile` and `lower` use these: the parts

@@ -16,13 +16,13 @@ from pathlib import Path
 
 from archfrag.physics.kernels.cache import source_hash, use_kernel_cache
 from archfrag.physics.kernels.load import (
-    OF_ALL,
     PROCESSOR,
     SHIPPED,
     as_tuples,
     compiled_for,
     is_ready,
     make_ready,
+    of_all,
 )
 from archfrag.system import end_with_input, start_python
 
@@ -33,7 +33,7 @@ def make_all_ready() -> None:
     If the kernels of a set cannot be compiled as its list says, a warning tells so, and they are
     compiled when they are called.
     """
-    missing = [name for name in OF_ALL if not is_ready(name)]
+    missing = [name for name in of_all() if not is_ready(name)]
     with (
         _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext()
     ):

@@ -1,4 +1,4 @@
-"""Types and LLVM code of structs, kernels and numbers of four runs, for numba."""
+"""Types and LLVM code of structs, kernels and numbers of several runs, for numba."""
 
 import functools
 import math
@@ -26,16 +26,18 @@ from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words
 _WORD = ir.IntType(64)
 _DOUBLE = ir.DoubleType()
 _INDEX = ir.IntType(32)
-_VECTOR = ir.VectorType(_DOUBLE, LANES)
-_BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
-class _Four(types.Type):
-    """Type of numbers or truth values of four runs; a plain value becomes four equal ones."""
+class _Several(types.Type):
+    """Type of numbers or truth values of several runs; a plain value becomes equal ones."""
 
-    def __init__(self, name: str, plain) -> None:
-        self.plain = plain
-        super().__init__(name=name)
+    item: ir.Type
+    plain: Any
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.vector = ir.VectorType(self.item, count)
+        super().__init__(name=f"{type(self).__name__}{count}")
 
     def unify(self, typingctx, other):
         """Return this type if one path gives it and another one a plain value; else None."""
@@ -50,33 +52,35 @@ class _Four(types.Type):
         return safe if isinstance(other, self.plain) else None
 
 
-class _Lanes(_Four):
-    pass
+class _Lanes(_Several):
+    item = _DOUBLE
+    plain = types.Float | types.Integer | types.IntEnumMember
 
 
-class _Mask(_Four):
-    pass
+class _Mask(_Several):
+    item = ir.IntType(1)
+    plain = types.Boolean
 
 
-lanes = _Lanes("lanes", types.Float | types.Integer | types.IntEnumMember)
-mask = _Mask("mask", types.Boolean)
+lanes = {count: _Lanes(count) for count in LANES}
+masks = {count: _Mask(count) for count in LANES}
 
 
-def _represent(kind: type[_Four], vector: ir.Type, plain, of) -> None:
+def _represent(kind: type[_Several], plain, of) -> None:
     @register_model(kind)
     class _Model(models.PrimitiveModel):
         def __init__(self, manager, of) -> None:
-            super().__init__(manager, of, vector)
+            super().__init__(manager, of, of.vector)
 
     @lower_cast(types.IntEnumMember, kind)
     @lower_cast(plain, kind)
     def broadcast(context, builder, given, to, value):
-        nothing = ir.Constant(vector, ir.Undefined)
+        nothing = ir.Constant(to.vector, ir.Undefined)
         zero = ir.Constant(_INDEX, 0)
         first = builder.insert_element(
             nothing, context.cast(builder, value, given, of), zero
         )
-        everywhere = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+        everywhere = ir.Constant(ir.VectorType(_INDEX, to.count), [0] * to.count)
         return builder.shuffle_vector(first, nothing, everywhere)
 
 
@@ -85,8 +89,8 @@ def _number_of(context, builder, of, to, value):
     return context.cast(builder, value, of.dtype, to)
 
 
-_represent(_Lanes, _VECTOR, types.Number, types.float64)
-_represent(_Mask, _BITS, types.Boolean, types.boolean)
+_represent(_Lanes, types.Number, types.float64)
+_represent(_Mask, types.Boolean, types.boolean)
 
 
 def _define(function: Callable, choose: Callable) -> None:
@@ -108,17 +112,25 @@ def _define(function: Callable, choose: Callable) -> None:
         return choose(*sig.args)[1](builder, *args)
 
 
-def _binary(of: _Four, result: _Four, emit: Callable, x, y):
-    known = of in (x, y) and all(a == of or isinstance(a, of.plain) for a in (x, y))
-    return (result(of, of), emit) if known else None
+def _first(kind: type[_Several], *args):
+    """Return the first of several types that is of a kind; None if none is."""
+    return next((each for each in args if isinstance(each, kind)), None)
+
+
+def _binary(kind: type[_Several], emit: Callable, result, x, y):
+    of = _first(kind, x, y)
+    if of is None or not all(a == of or isinstance(a, of.plain) for a in (x, y)):
+        return None
+    return (result[of.count] if result else of)(of, of), emit
 
 
 def _unary(emit: Callable, x):
-    return (lanes(lanes), emit) if x == lanes else None
+    return (x(x), emit) if isinstance(x, _Lanes) else None
 
 
-def _intrinsic(name: str, kind, builder, *args):
-    suffix = f".v{LANES}f64" if kind == _VECTOR else ".f64"
+def _intrinsic(name: str, builder, *args):
+    kind = args[0].type
+    suffix = ".f64" if kind == _DOUBLE else f".v{kind.count}f64"
     of = ir.FunctionType(kind, [kind] * len(args))
     return builder.call(builder.module.declare_intrinsic(name + suffix, (), of), args)
 
@@ -130,51 +142,52 @@ def _compare(sign: str, builder, x, y):
 
 
 for _name, _of, _emit in (
-    ("add", lanes, ir.IRBuilder.fadd),
-    ("sub", lanes, ir.IRBuilder.fsub),
-    ("mul", lanes, ir.IRBuilder.fmul),
-    ("truediv", lanes, ir.IRBuilder.fdiv),
-    ("and_", mask, ir.IRBuilder.and_),
-    ("or_", mask, ir.IRBuilder.or_),
-    ("xor", mask, ir.IRBuilder.xor),
+    ("add", _Lanes, ir.IRBuilder.fadd),
+    ("sub", _Lanes, ir.IRBuilder.fsub),
+    ("mul", _Lanes, ir.IRBuilder.fmul),
+    ("truediv", _Lanes, ir.IRBuilder.fdiv),
+    ("and_", _Mask, ir.IRBuilder.and_),
+    ("or_", _Mask, ir.IRBuilder.or_),
+    ("xor", _Mask, ir.IRBuilder.xor),
 ):
     for _form in (_name, f"i{_name.strip('_')}"):
-        _define(getattr(operator, _form), functools.partial(_binary, _of, _of, _emit))
+        _define(getattr(operator, _form), functools.partial(_binary, _of, _emit, None))
 for _name, _sign in zip(
     ("lt", "le", "gt", "ge", "eq", "ne"), ("<", "<=", ">", ">=", "==", "!=")
 ):
     _emit = functools.partial(_compare, _sign)
-    _define(getattr(operator, _name), functools.partial(_binary, lanes, mask, _emit))
+    _define(getattr(operator, _name), functools.partial(_binary, _Lanes, _emit, masks))
 for _function, _emit in (
     (operator.neg, ir.IRBuilder.fneg),
-    (math.sqrt, functools.partial(_intrinsic, "llvm.sqrt", _VECTOR)),
-    (abs, functools.partial(_intrinsic, "llvm.fabs", _VECTOR)),
+    (math.sqrt, functools.partial(_intrinsic, "llvm.sqrt")),
+    (abs, functools.partial(_intrinsic, "llvm.fabs")),
 ):
     _define(_function, functools.partial(_unary, _emit))
 
 
 def _fused(x, y, z):
-    kind, vector = (lanes, _VECTOR) if lanes in (x, y, z) else (types.float64, _DOUBLE)
-    return kind(kind, kind, kind), functools.partial(_intrinsic, "llvm.fmuladd", vector)
+    kind = _first(_Lanes, x, y, z) or types.float64
+    return kind(kind, kind, kind), functools.partial(_intrinsic, "llvm.fmuladd")
 
 
 def _select(condition, x, y):
-    kind = lanes if condition == mask else types.float64
+    several = isinstance(condition, _Mask)
+    kind = lanes[condition.count] if several else types.float64
     return kind(condition, kind, kind), ir.IRBuilder.select
 
 
 def _some(x):
-    if x != mask:
+    if not isinstance(x, _Mask):
         return types.boolean(types.boolean), lambda b, value: value
-    whole = ir.IntType(LANES)
+    whole = ir.IntType(x.count)
     none = ir.Constant(whole, 0)
-    return types.boolean(mask), lambda b, x: b.icmp_unsigned(
+    return types.boolean(x), lambda b, x: b.icmp_unsigned(
         "!=", b.bitcast(x, whole), none
     )
 
 
 def _opposite(x):
-    kind = mask if x == mask else types.boolean
+    kind = x if isinstance(x, _Mask) else types.boolean
     return kind(kind), ir.IRBuilder.not_
 
 
@@ -183,16 +196,16 @@ def _width(x):
 
 
 def _lane(x, number):
-    if not isinstance(x, _Four):
+    if not isinstance(x, _Several):
         return x(x, types.intp), lambda b, value, at: value
-    kind = types.float64 if x == lanes else types.boolean
+    kind = types.float64 if isinstance(x, _Lanes) else types.boolean
     return kind(x, types.intp), ir.IRBuilder.extract_element
 
 
 def _with_lane(x, number, value):
-    if not isinstance(x, _Four):
+    if not isinstance(x, _Several):
         return value(x, types.intp, value), lambda b, old, at, new: new
-    kind = types.float64 if x == lanes else types.boolean
+    kind = types.float64 if isinstance(x, _Lanes) else types.boolean
     return x(x, types.intp, kind), lambda b, old, at, new: b.insert_element(
         old, new, at
     )
@@ -248,7 +261,7 @@ _TYPES: dict[Any, Any] = {
     "i4": types.int32,
     "i1": types.int8,
     "c16": types.complex128,
-    "lanes": lanes,
+    **{f"lanes{count}": kind for count, kind in lanes.items()},
 }
 
 

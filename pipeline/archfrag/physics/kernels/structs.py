@@ -64,7 +64,8 @@ def describe(value):
     if hasattr(kind, "shapes"):
         return value.description
     if isinstance(value, np.ndarray):
-        of = "lanes" if isinstance(value, LaneArray) else value.dtype.str[1:]
+        lanes = isinstance(value, LaneArray)
+        of = f"lanes{value.itemsize // 8}" if lanes else value.dtype.str[1:]
         return ("array", of, value.ndim, "C" if value.flags.c_contiguous else "A")
     if isinstance(value, Source):
         return ("kernel", value.name)

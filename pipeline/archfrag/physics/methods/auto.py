@@ -1,8 +1,8 @@
 """`auto`: the cheapest of our methods that holds a tolerance.
 
 1. Rest, while the body force stays inside the range of rest: nothing is integrated.
-2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four runs
-   at a time.
+2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four or
+   eight runs at a time.
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
    `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
    they cost little and give peaks and histories exactly. A chain that is not to rest wherever it
@@ -26,6 +26,7 @@ from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Out
 from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
 from archfrag.physics.steps import run as stepper
+from archfrag.physics.steps.run import Given, Lanes
 
 # Outcomes for which another method is tried.
 AGAIN_BY_OTHERS = (int(Status.INACCURATE), int(Status.NO_CONTACT_SOLUTION))
@@ -93,20 +94,19 @@ def _attempts(
 def _made_well(
     chain: Chain,
     attempts: Sequence[tuple[ModuleType, Options]],
-    n_run: int,
+    results: Outcomes,
     make: Callable[[ModuleType, Options, np.ndarray], Outcomes],
 ) -> Outcomes:
-    """Make `n_run` runs; repeat inaccurate ones by the next attempt.
+    """Repeat inaccurate runs of the first attempt, in `results`, by the next; return `results`.
 
     `make` takes a method, its options and the numbers of the runs to make. Runs that are still
     inaccurate after the last attempt are refused.
     """
-    results = new_results(n_run)
-    rows = np.arange(n_run)
+    rows = np.arange(len(results.status))
     for number, (method, given) in enumerate(attempts):
-        made = make(method, given, rows)
+        made = make(method, given, rows) if number else results
         made.count[:, Count.REFINED] = number
-        for gathered, part in zip(results, made):
+        for gathered, part in zip(results, made) if number else ():
             gathered[rows] = part
         good = is_accurate(chain, given, made) & ~np.isin(made.status, AGAIN_BY_OTHERS)
         rows = rows[~good]
@@ -128,12 +128,34 @@ def run_many(
     Run k has motion number ``motion[k]`` times ``factor[k]``, from rest. Arguments are those of
     `archfrag.physics.steps.run.run_many`. A run that no method makes well enough is refused.
     """
-    by_events = goes_by_events(options.tolerance)
+    attempts = _attempts(chain, options, goes_by_events(options.tolerance))
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:
         return method.run_many(chain, grounds, motion[rows], factor[rows], given)
 
-    return _made_well(chain, _attempts(chain, options, by_events), len(motion), make)
+    first = make(*attempts[0], np.arange(len(motion)))
+    return _made_well(chain, attempts, first, make)
+
+
+def lanes(chain: Chain, options: Options) -> Lanes | None:
+    """Return lanes for runs of a chain; None if its runs do not go side by side."""
+    attempts = _attempts(chain, options, goes_by_events(options.tolerance))
+
+    def check(results: Outcomes, given: Sequence[Given]) -> Outcomes:
+        def make(method: ModuleType, options: Options, rows: np.ndarray) -> Outcomes:
+            made = new_results(rows.size)
+            for to, row in enumerate(rows.tolist()):
+                ground, factor, own = given[row]
+                options = options._replace(max_steps=own.max_steps)
+                alone = method.run_many(chain, ground, [0], [factor], options)
+                for gathered, part in zip(made, alone):
+                    gathered[to] = part[0]
+            return made
+
+        return _made_well(chain, attempts, results, make)
+
+    method, given = attempts[0]
+    return stepper.lanes(chain, given, check) if method is stepper else None
 
 
 def run(
@@ -163,4 +185,5 @@ def run(
     by_events = (
         goes_by_events(options.tolerance, chain.mass.size, n_break) or not options.rests
     )
-    return _made_well(chain, _attempts(chain, options, by_events), 1, make)
+    attempts = _attempts(chain, options, by_events)
+    return _made_well(chain, attempts, make(*attempts[0], np.zeros(1, int)), make)

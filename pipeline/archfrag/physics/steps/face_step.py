@@ -414,7 +414,7 @@ FACE = Law(
 
 
 def new_face_runs(model: Model, faces: Faces, zeros=np.zeros) -> Runs:
-    """Allocate one run on joints that give, or four with `lane_array` as `zeros`."""
+    """Allocate one run on joints that give, or several with `lane_array` as `zeros`."""
     rows = dict.fromkeys(OF_BODIES, model.mass.size)
     return new_runs(
         FACE,

@@ -1,24 +1,38 @@
-"""Time stepping as a method: one run, or many of one arch four at a time.
+"""Time stepping as a method: one run, or many of one arch, several at a time.
 
 The stepper is the same for rigid joints and for joints that give; each has a `Law` of its own.
 With rigid joints nothing is integrated while the body force stays inside the range of rest of the
-configuration; a chain on springs is never at rest in a motion. Four runs go side by side until one
-waits for what has to be done for it alone (`Law.handle`), and a run that has ended makes place for
-the next. A run's results are the same to the last bit, whether it goes alone or beside others.
+configuration; a chain on springs is never at rest in a motion. Four or eight runs go side by side
+until one waits for what has to be done for it alone (`Law.handle`), and a run that has ended makes
+place for the next, which may have been added meanwhile (`Lanes`). A run's results are the same to
+the last bit, whether it goes alone or beside others.
 """
 
 import functools
 import threading
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from archfrag.physics import shared
 from archfrag.physics.contact.path import new_path
 from archfrag.physics.contact.placing import move_faces
-from archfrag.physics.ground import Grounds, end_of_motion, move_ground
+from archfrag.physics.ground import (
+    Grounds,
+    MotionPlaces,
+    end_of_motion,
+    move_ground,
+)
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
-from archfrag.physics.kernels.primitives import LANES, lane, lane_array, some
+from archfrag.physics.kernels.primitives import (
+    LANES,
+    lane,
+    lane_array,
+    runs_of,
+    some,
+    width,
+)
 from archfrag.physics.state import KEPT, Clock, Law, Model, Runs, model_of, new_runs
 from archfrag.physics.status import Cause, Count, Energy, Level, Status, Wait
 from archfrag.physics.steps import service
@@ -31,8 +45,12 @@ from archfrag.physics.steps.step import (
     pose_contacts,
     pose_step,
 )
+from archfrag.system import Deferred
 
 UNKNOWN = (np.nan, np.nan)
+load = Deferred("archfrag.physics.kernels.load")  # it needs LLVM
+PLACES = 3 * LANES[-1]  # for runs that go on or wait
+PATIENCE = 200  # pieces of work between two looks for other runs where there is room
 RIGID = Law(
     pose=pose_contacts,
     solve=solve_contacts,
@@ -57,8 +75,8 @@ def try_step(runs, live):
 
 
 @kernel
-def step_four(runs):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
+def step_several(runs):
+    """Step runs side by side until one waits; the reason is in ``state.clock[Clock.CODE]``."""
     clock = runs.state.clock
     until = end_of_motion(runs.grounds, clock, runs.options.follow)
     waits = False
@@ -74,7 +92,7 @@ def step_four(runs):
 
 @kernel
 def step_one(runs, until, output):
-    """Try a step of one run, and write its history; as `step_four` set its code."""
+    """Try a step of one run, and write its history; as `step_several` set its code."""
     impulse, solved, unsolved = try_step(runs, True)
     collapsed = broken = False
     if solved:
@@ -135,22 +153,22 @@ def run_one(runs, at_rest, output, results):
 
 
 @kernel
-def start_next(one, run, motion, factor, output, results):
-    """Start the next run that moves at all, from number `run` on; end those that do not.
+def start_next(one, waiting, begun, motion, factor, output, results):
+    """Start the next run of `waiting` that moves at all; end those before it.
 
-    Return its number, or the number of all runs if none is left.
+    `begun` counts those that were begun. If none moves, the run is `Wait.IDLE`.
     """
     clock = one.state.clock
-    while run < motion.size:
+    while begun[0] < waiting.size:
+        run = waiting[begun[0]]
+        begun[0] += 1
         start_at_rest(one, motion[run], factor[run], output)
         clock[Clock.RUN] = run
         if clock[Clock.CODE] == Wait.GO:
-            return run
+            return
         end(one, output, results)
-        run += 1
     clock[Clock.CODE] = Wait.IDLE
     clock[Clock.STEP] = one.options.time_step
-    return run
 
 
 @kernel
@@ -166,33 +184,55 @@ def copy_run(of, place, to, number):
 
 
 @kernel
-def run_four(four, one, motion, factor, output, results):
-    """Make many runs from rest, four at a time.
+def count_going(several):
+    """Return how many of the runs side by side have not ended.
 
-    `four` steps them; `one` starts, serves and ends each of them alone.
+    Reads: several.state.clock.
+    """
+    going = 0
+    code = several.state.clock[Clock.CODE]
+    for number in range(width(code)):
+        going += int(lane(code, number)) != Wait.IDLE
+    return going
+
+
+@kernel
+def run_several(
+    several, one, waiting, begun, motion, factor, patience, output, results
+):
+    """Go on with runs side by side, from rest; those of `waiting` begin where there is room.
+
+    `several` steps them; `one` starts, serves and ends each of them alone. Run k has the motion of
+    number ``motion[k]`` times ``factor[k]``, and row k of the results. `begun` counts those of
+    `waiting` that were begun. Where room is left, it returns once a run has ended, or after
+    `patience` pieces of work; if that is negative, once all have ended.
     """
     work = one.work
-    clock = four.state.clock
-    running = 0
-    run = -1
-    for number in range(LANES):
-        run = start_next(one, run + 1, motion, factor, output, results)
-        running += run < motion.size
-        copy_run(one, 0, four, number)
-    while running > 0:
-        step_four(four)
-        for number in range(LANES):
+    clock = several.state.clock
+    lanes = width(clock[Clock.CODE])
+    for number in range(lanes):
+        if int(lane(clock[Clock.CODE], number)) == Wait.IDLE:
+            start_next(one, waiting, begun, motion, factor, output, results)
+            copy_run(one, 0, several, number)
+    going = count_going(several)
+    to_end = patience < 0
+    left = patience
+    while going == lanes or (going > 0 and (to_end or left > 0)):
+        left -= 1
+        step_several(several)
+        for number in range(lanes):
             code = int(lane(clock[Clock.CODE], number))
             if code in (Wait.GO, Wait.IDLE):
                 continue
-            copy_run(four, number, one, 0)
+            copy_run(several, number, one, 0)
             position = one.state.position
             move_faces(one.model, position, work)
             if one.law.handle(one, output) != Wait.GO:
                 end(one, output, results)
-                run = start_next(one, run + 1, motion, factor, output, results)
-                running -= run >= motion.size
-            copy_run(one, 0, four, number)
+                left = 0
+                start_next(one, waiting, begun, motion, factor, output, results)
+            copy_run(one, 0, several, number)
+        going = count_going(several)
 
 
 def new_rigid_runs(model: Model, zeros=np.zeros) -> Runs:
@@ -215,28 +255,58 @@ def rest_of(model: Model) -> tuple[float, float]:
 _kept = threading.local()
 
 
-def _runs_for(
-    chain: Chain, grounds: Grounds, options: Options, from_rest: bool = True
-) -> list[Runs] | Status:
-    """Return four runs of a chain side by side, and one alone.
+def _makes(
+    chain: Chain, options: Options, from_rest: bool = True
+) -> tuple[Callable, Model, Options] | Status:
+    """Return a function that allocates runs of a chain, its model, and the options filled in.
 
-    If the chain has no rest on joints that give, return its status. A thread keeps the buffers
-    that it used last.
+    If the chain has no rest on joints that give, return its status.
     """
     if chain.joint is None:
         model = model_of(chain)
         rest = rest_of(model) if from_rest else UNKNOWN
         options = shared.ready(options, model, rest)
-        make = functools.partial(new_rigid_runs, model)
-    else:
-        found = settled(chain)
-        if isinstance(found, Status):
-            return found
-        model = found[0]
-        make = functools.partial(new_face_runs, *found)
-    if getattr(_kept, "model", None) is not model:
-        _kept.model = model
-        _kept.runs = make(lane_array), make()
+        return functools.partial(new_rigid_runs, model), model, options
+    found = settled(chain)
+    if isinstance(found, Status):
+        return found
+    return functools.partial(new_face_runs, *found), found[0], options
+
+
+def lanes_for(chain: Chain) -> int:
+    """Return how many runs of a chain go side by side.
+
+    Runs with rigid joints of one span go eight at a time where that is faster.
+    """
+    plain = chain.joint is None and chain.body is None
+    return LANES[plain and load.takes_eight()]
+
+
+def _side_by_side(make: Callable[..., Runs], count: int) -> Runs:
+    """Allocate runs side by side."""
+    return make(functools.partial(lane_array, count=count))
+
+
+def _begin_none(several: Runs) -> None:
+    """Reset runs side by side, so that none of them has begun."""
+    runs_of(several.state.clock)[Clock.CODE] = Wait.IDLE
+
+
+def _runs_for(
+    chain: Chain, grounds: Grounds, options: Options, from_rest: bool = True
+) -> list[Runs] | Status:
+    """Return runs of a chain side by side, and one alone; or why there are none.
+
+    A thread keeps the buffers that it used last.
+    """
+    found = _makes(chain, options, from_rest)
+    if isinstance(found, Status):
+        return found
+    make, model, options = found
+    count = lanes_for(chain)
+    if getattr(_kept, "of", None) != (id(model), count):
+        _kept.of = id(model), count
+        _kept.runs = _side_by_side(make, count), make()
     return [each._replace(grounds=grounds, options=options) for each in _kept.runs]
 
 
@@ -296,7 +366,7 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Outcomes:
-    """Integrate one chain from rest under many scaled ground motions, four at a time.
+    """Integrate one chain from rest under many scaled ground motions, several at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
@@ -309,5 +379,86 @@ def run_many(
     output = shared.no_output(chain.mass.size, chain.friction.size)
     motion = np.ascontiguousarray(motion, np.int64)
     factor = np.ascontiguousarray(factor, float)
-    run_four(*found, motion, factor, output, results)
+    _begin_none(found[0])
+    waiting = np.arange(len(motion))
+    run_several(*found, waiting, np.zeros(1, int), motion, factor, -1, output, results)
     return results
+
+
+Given = tuple[Grounds, float, Options]  # motion, factor and options of a run
+Check = Callable[[Outcomes, Sequence[Given]], Outcomes]
+
+
+class Lanes:
+    """Runs of one chain that go on side by side, from rest, to which others are added.
+
+    Their results are those of `run_many`; `check` takes them and what each run was added with.
+    `steps` has the steps that each run has made so far.
+    """
+
+    def __init__(self, several: Runs, one: Runs, output: shared.Output, check: Check):
+        self._several = several
+        self._one = one
+        self._output = output
+        self._check = check
+        _begin_none(several)
+        self._motions = MotionPlaces(PLACES)
+        self._motion = np.zeros(PLACES, int)
+        self._factor = np.zeros(PLACES)
+        self._given: dict[int, Given] = {}  # by the numbers of the runs held
+        self._waiting: list[int] = []
+        self.steps = np.zeros(PLACES)
+
+    def add(self, ground: Grounds, factor: float, options: Options) -> int:
+        """Add a run with one ground motion, to at most `PLACES`; return its number.
+
+        The number is another run's once this one has ended. `options` differ from those of the
+        other runs at most in the bound on its work.
+        """
+        run = next(k for k in range(PLACES) if k not in self._given)
+        used = [int(self._motion[other]) for other in self._given]
+        self._motion[run] = self._motions.put(ground, used)
+        self._factor[run] = factor
+        self._given[run] = ground, factor, options
+        self._waiting.append(run)
+        self.steps[run] = 0.0
+        return run
+
+    def go_on(self) -> tuple[list[int], Outcomes]:
+        """Go on until a run has ended and leaves room, or for a while if there is room.
+
+        Return the numbers of the runs that have ended, and a row of results for each.
+        """
+        grounds = self._motions.grounds
+        runs = [each._replace(grounds=grounds) for each in (self._several, self._one)]
+        results = shared.new_results(PLACES)
+        results.status[:] = -1
+        begun = np.zeros(1, int)
+        waiting = np.array(self._waiting, int)
+        moves = self._motion, self._factor
+        run_several(*runs, waiting, begun, *moves, PATIENCE, self._output, results)
+        del self._waiting[: int(begun[0])]
+        state = self._several.state
+        clock = runs_of(state.clock)
+        going = clock[Clock.CODE] != Wait.IDLE
+        numbers = clock[Clock.RUN, going].astype(int)
+        self.steps[numbers] = runs_of(state.count)[Count.STEPS, going]
+        ended = np.flatnonzero(results.status >= 0)
+        self.steps[ended] = results.count[ended, Count.STEPS]
+        given = [self._given.pop(run) for run in ended.tolist()]
+        made = Outcomes(*(values[ended] for values in results))
+        return ended.tolist(), self._check(made, given)
+
+
+def lanes(
+    chain: Chain, options: Options, check: Check = lambda made, given: made
+) -> Lanes | None:
+    """Return lanes for runs of a chain; None if it has no rest on joints that give."""
+    found = _makes(chain, options)
+    if isinstance(found, Status):
+        return None
+    make, _, options = found
+    output = shared.no_output(chain.mass.size, chain.friction.size)
+    runs = _side_by_side(make, lanes_for(chain)), make()
+    several, one = (each._replace(options=options) for each in runs)
+    return Lanes(several, one, output, check)

@@ -9,9 +9,11 @@ import socket
 import sys
 import threading
 import uuid
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from functools import cache, partial
+from itertools import count, islice, repeat
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -20,8 +22,9 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
-from archfrag.simulation.simulate import results_of_runs
-from archfrag.study.designs import Cases
+from archfrag.physics.steps.run import PLACES
+from archfrag.simulation.simulate import Stream
+from archfrag.study.designs import CASE, Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table
@@ -31,17 +34,24 @@ if TYPE_CHECKING:
 
 ANSWER_WITHIN = 10.0  # longest wait for a scheduler [s]
 HEARD_WITHIN = 0.5  # longest time until Ctrl-C is noticed [s]
-# What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
+# What the steps after the runs import; xarray asks for dask's arrays.
 # This thread alone does so: two that import the same at once may fail.
 NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array")
 _GO_ON = "finished parts are kept, the same command goes on"
-Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
+Made = tuple[Cases, Table]  # runs and their rows
+# A chunk is one task of a cluster, whose lanes it fills alone: chunks of 4 cost half as much again
+# as those of 64. If there are many chunks, workers wait less for the last one.
+SMALLEST_CHUNK = 8
+LARGEST_CHUNK = 64
+CHUNKS_EACH = 8
+# Most runs of an adaptive design in a chunk; a free worker gets its share of those that wait.
+LARGEST_SHARE = 16
 _identity = cache(store.code_identity)
 _ONE_AT_A_TIME = threading.Lock()  # Python's parser needs it, up to 3.11 at least
 
 
 def make_runs(plan: Plan, cases: Cases) -> Table:
-    """Make some runs of one arch and return their rows.
+    """Make some runs and return their rows.
 
     WorkerError if this process has other code than the one that made the plan.
     """
@@ -49,15 +59,84 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    runs = zip(
-        cases["arch"].tolist(), cases["record"].tolist(), plan.factors(cases).tolist()
-    )
-    motions, factors = zip(*(plan.ground(*run) for run in runs))
-    options = plan.study.method.model_dump()
-    options["method"] = options.pop("name")
-    arch = plan.arch(int(cases["arch"][0]))
-    results, wall_time, starts = results_of_runs(arch, motions, factors, **options)
-    return store.table_of(plan.keys(cases), results, wall_time, starts)
+    made = list[Table]()
+    runs = _Runs(plan, 1, lambda cases, rows: made.append(rows))
+    runs.add(cases)
+    runs.end()
+    runs.make()
+    table = store.joined(made)
+    return table[store.places(table, plan.keys(cases))]
+
+
+class _Runs:
+    """Runs that wait, of which threads fill their lanes until all have ended.
+
+    Each of `threads` calls `make`; `keep` gets the runs that have ended and their rows.
+    """
+
+    def __init__(
+        self, plan: Plan, threads: int, keep: Callable[[Cases, Table], object]
+    ) -> None:
+        self._plan = plan
+        self._threads = threads
+        self._keep = keep
+        self._changed = threading.Condition()
+        self._waiting = defaultdict[int, deque[tuple[Any, float]]](deque)  # by arch
+        self._ends = False
+        self._stops = False
+
+    def add(self, cases: Cases) -> None:
+        """Add runs."""
+        pairs = zip(cases, self._plan.factors(cases).tolist())
+        with self._changed:
+            for case, factor in pairs:
+                self._waiting[int(case["arch"])].append((case, factor))
+            self._changed.notify_all()
+
+    def end(self, stop: bool = False) -> None:
+        """Let threads return when no run is left; if `stop`, as soon as they can."""
+        with self._changed:
+            self._ends = True
+            self._stops = stop
+            self._changed.notify_all()
+
+    def make(self) -> None:
+        """Make runs until `end` is called and none is left for this thread."""
+        options = self._plan.study.method.model_dump()
+        options["method"] = options.pop("name")
+        made = -1
+        while (arch := self._next_arch(made)) is not None:
+            if arch != made:
+                stream = Stream(self._plan.arch(arch), **options)
+                made = arch
+            while self._fill(arch, stream) and not self._stops:
+                ended, results, wall_time, starts = stream.go_on()
+                if ended:
+                    cases = np.array(ended, CASE)
+                    keys = self._plan.keys(cases)
+                    rows = store.table_of(keys, results, wall_time, starts)
+                    self._keep(cases, rows)
+
+    def _next_arch(self, made: int) -> int | None:
+        """Wait for runs; return an arch that has some, `made` if it has."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ends or any(self._waiting.values()))
+            asked = [arch for arch, runs in self._waiting.items() if runs]
+            if not asked or self._stops:
+                return None
+            return made if made in asked else asked[0]
+
+    def _fill(self, arch: int, stream: Stream) -> int:
+        """Let a stream take waiting runs of its arch; return how many it holds then."""
+        with self._changed:
+            waiting = self._waiting[arch]
+            ahead = len(waiting) // (2 * stream.lanes * self._threads)
+            room = min(stream.lanes + ahead, PLACES) - stream.held
+            taken = [waiting.popleft() for _ in range(min(room, len(waiting)))]
+        for case, factor in taken:
+            ground = self._plan.ground(arch, int(case["record"]), factor)
+            stream.add(case, *ground)
+        return stream.held
 
 
 def describe_code() -> str:
@@ -75,58 +154,52 @@ class Threads:
     Kernels run in parallel on them, since they do not hold the GIL.
     """
 
-    spare = 0  # chunks that may wait while all threads are busy
-
     def __init__(self, plan: Plan, count: int) -> None:
         self.count = count
-        self._plan = plan
         self._made = SimpleQueue[Made | Future]()
+        self._runs = _Runs(plan, count, lambda *made: self._made.put(made))
         self._pool = ThreadPoolExecutor(count)
-        self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
+        self._graph = ThreadPoolExecutor(1)  # its thread waits for all others
+        self._begun = False
 
-    def send(self, chunks: dict[Any, Cases]) -> None:
-        """Start some chunks of runs, given by key."""
+    def send(self, cases: Cases) -> None:
+        """Let threads make some runs."""
+        self._runs.add(cases)
+        if self._begun:
+            return
+        self._begun = True
         import dask.threaded
-
-        graph: dict[Any, Any] = {"plan": self._plan}
-        graph |= {key: (make_runs, "plan", chunk) for key, chunk in chunks.items()}
-
-        def keep(key, rows, *_) -> None:
-            if key != "plan":
-                self._made.put((key, rows))
 
         def end(whole: Future) -> None:
             if not whole.cancelled() and whole.exception():
                 self._made.put(whole)
 
-        self._graphs.submit(
-            dask.threaded.get,
-            graph,
-            list(chunks),
-            pool=self._pool,
-            callbacks=[(None, None, None, keep, None)],  # after each task
+        graph = {f"runs-{number}": (self._runs.make,) for number in range(self.count)}
+        self._graph.submit(
+            dask.threaded.get, graph, list(graph), pool=self._pool
         ).add_done_callback(end)
-        with contextlib.suppress(ImportError):  # distributed is an extra
-            for name in NEEDED_LATER:  # kernels leave the GIL to it
-                importlib.import_module(name)
+        for name in NEEDED_LATER:  # kernels leave the GIL to it
+            importlib.import_module(name)
 
     def made(self) -> list[Made]:
-        """Wait for the next chunk; return its key and its rows, in a list."""
-        while True:  # a signal may come just before a wait, and is heard after it
+        """Wait for the next runs; return some of them and their rows."""
+        found = list[Made | Future]()
+        while not found:  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
-                found = self._made.get(timeout=HEARD_WITHIN)
-                return [found.result() if isinstance(found, Future) else found]
+                found.append(self._made.get(timeout=HEARD_WITHIN))
+                while True:
+                    found.append(self._made.get_nowait())
+        return [each.result() if isinstance(each, Future) else each for each in found]
 
     def close(self) -> None:
-        """Start no more chunks. A thread that makes a chunk goes on to its end."""
-        for pool in (self._pool, self._graphs):
+        """Begin no more runs; threads end once a run of theirs does."""
+        self._runs.end(stop=True)
+        for pool in (self._pool, self._graph):
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Cluster:
     """The workers of a dask client; they need no files of this machine."""
-
-    spare = 1
 
     def __init__(self, plan: Plan, client: "Client", name: str) -> None:
         import dask
@@ -134,6 +207,11 @@ class Cluster:
 
         self._client = client
         self._name = name
+        self._study = plan.study
+        self._waiting = np.empty(0, CASE)
+        self._chunks: dict[Any, Cases] = {}  # that workers have, by key
+        # Unique, since a scheduler may hold keys of others.
+        self._keys = zip(repeat(f"runs-{uuid.uuid4().hex}"), count())
         key = f"plan-{uuid.uuid4().hex}"  # others may use the scheduler too
         with self._worded():
             self._futures = as_completed(with_results=True, loop=client.loop)
@@ -153,21 +231,44 @@ class Cluster:
         with self._worded():
             return sum(self._client.nthreads().values())
 
-    def send(self, chunks: dict[Any, Cases]) -> None:
-        """Start some chunks of runs, given by key."""
-        graph = {
-            key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()
-        }
+    def send(self, cases: Cases) -> None:
+        """Let workers make some runs."""
+        self._waiting = np.concatenate([self._waiting, cases])
+
+    def _start(self) -> None:
+        """Send waiting runs to workers in chunks.
+
+        All are sent; of an adaptive design only as many chunks as workers can take now, and one
+        that waits.
+        """
+        waiting = len(self._waiting)
+        count = self.count
+        if self._study.design.adaptive:
+            room = max(count + 1 - len(self._chunks), 0)
+            size = min(-(-waiting // max(room, 1)), LARGEST_SHARE)
+        else:
+            room = waiting
+            share = -(-waiting // max(count, 1))
+            size = min(max(share // CHUNKS_EACH, SMALLEST_CHUNK), share, LARGEST_CHUNK)
+        cut = chunks(self._waiting, self._study.execution.chunk or size)
+        new = dict(zip(self._keys, islice(cut, room)))
+        if not new:
+            return
+        self._chunks |= new
+        self._waiting = np.concatenate([np.empty(0, CASE), *cut])
+        graph = {key: (operator.call, self._plan, chunk) for key, chunk in new.items()}
         with self._worded():
             self._futures.update(self._client.get(graph, list(graph), sync=False))
 
     def made(self) -> list[Made]:
-        """Wait for the next chunks; return the key and the rows of each."""
+        """Wait for the next runs; return some of them and their rows."""
+        if len(self._waiting):
+            self._start()
         with self._worded():
             found = [(future.key, rows) for future, rows in self._futures.next_batch()]
             if not all(isinstance(rows, np.ndarray) for _, rows in found):
                 raise CancelledError
-            return found
+        return [(self._chunks.pop(key), rows) for key, rows in found]
 
     def close(self) -> None:
         """Cancel all chunks that are not finished."""
@@ -201,6 +302,13 @@ class Cluster:
                 f"a worker failed: {type(error).__name__}: {error}; all workers must have "
                 f"{describe_code()}; {_GO_ON}"
             ) from error
+
+
+def chunks(cases: Cases, size: int) -> Iterator[Cases]:
+    """Yield the runs in chunks of at most `size`, each of one arch."""
+    cases = cases[np.argsort(cases["arch"], kind="stable")]
+    for own in np.split(cases, np.flatnonzero(np.diff(cases["arch"])) + 1):
+        yield from (own[start : start + size] for start in range(0, len(own), size))
 
 
 @contextlib.contextmanager
