@@ -119,6 +119,14 @@ class TestProcess:
         assert "error: NUMBA_DISABLE_JIT is set" in said
         assert said.rstrip().endswith("unset NUMBA_DISABLE_JIT")
 
+    @pytest.mark.parametrize(
+        "words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]]
+    )
+    def test_a_number_of_lanes_that_there_is_not_is_refused(self, words, tmp_path):
+        more = ["--set", f"output={tmp_path}"] if words[0] == "run" else []
+        said = started(*words, *more, code=2, ARCHFRAG_LANES="6")
+        assert "error: ARCHFRAG_LANES is '6'; it must be 4 or 8" in said
+
     def test_an_empty_variable_is_none(self):
         said = started("simulate", *ARCH, "nothing.AT2", code=2, NUMBA_DISABLE_JIT="")
         assert "NUMBA" not in said

@@ -1,12 +1,14 @@
 """Checks of the arguments of a run. Each raises InputError, which names the argument."""
 
 import math
+import os
 from collections.abc import Mapping
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
 from archfrag.physics.kernels.kernel import COMPILED
+from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.methods.registry import (
     AUTO,
     BY_STEPS,
@@ -49,8 +51,15 @@ def check_method(name) -> MethodInfo:
 def check_compiled(plain: bool) -> None:
     """Raise InputError if kernels are not compiled, unless a run is `plain`.
 
-    A plain run is a single one by time stepping.
+    A plain run is a single one by time stepping. InputError too if the environment asks for a
+    number of runs side by side that there is not.
     """
+    lanes = os.environ.get("ARCHFRAG_LANES", "")
+    if lanes not in ("", *map(str, LANES)):
+        raise InputError(
+            f"ARCHFRAG_LANES is {lanes!r}; it must be 4 or 8, the number of runs side by side, or "
+            "unset"
+        )
     if not (plain or COMPILED):
         raise InputError(
             "NUMBA_DISABLE_JIT is set, so kernels are not compiled; without them there are single "
