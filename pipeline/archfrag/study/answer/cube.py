@@ -30,6 +30,7 @@ from archfrag.study.file.prepared import read_manifest
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
+from archfrag.system import give_back_memory
 from archfrag.version import __version__
 
 COMPRESSION = 4
@@ -67,6 +68,8 @@ def write_cube(study: StudyKeys) -> Path:
                 cube.dump_to_store(store)
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
+    del cube
+    give_back_memory()
     return path
 
 
@@ -173,7 +176,9 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
     provenance.refuse_foreign_cube(study)
     try:
         with provenance.NETCDF, xr.open_dataset(path) as cube:
-            return cube.load()
+            cube.load()
+            give_back_memory()
+            return cube
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: is missing or damaged; `archfrag cube` on the study file makes it"
