@@ -177,12 +177,12 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
     try:
         with provenance.NETCDF, xr.open_dataset(path) as cube:
             cube.load()
-            give_back_memory()
-            return cube
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: is missing or damaged; `archfrag cube` on the study file makes it"
         ) from error
+    give_back_memory()
+    return cube
 
 
 def _variable(about, values) -> xr.Variable:
