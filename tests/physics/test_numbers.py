@@ -34,16 +34,17 @@ def everything(a, b, limit, out):
             out[i, 5] = pairs.select(either, 1.0, 0.0)
 
 
-def test_every_lane_has_the_bits_of_a_float():
+@pytest.mark.parametrize("count", LANES)
+def test_every_lane_has_the_bits_of_a_float(count):
     rng = np.random.default_rng(11)
     n = 500
-    a = lane_array((n, 2))
-    b = lane_array((n,))
-    out = lane_array((n, 6))
-    runs_of(a)[:] = rng.normal(0.0, 3.0, (n, 2, LANES))
-    runs_of(b)[:] = rng.normal(0.0, 1.0, (n, LANES))
+    a = lane_array((n, 2), count)
+    b = lane_array((n,), count)
+    out = lane_array((n, 6), count)
+    runs_of(a)[:] = rng.normal(0.0, 3.0, (n, 2, count))
+    runs_of(b)[:] = rng.normal(0.0, 1.0, (n, count))
     everything(a, b, 0.25, out)
-    for number in range(LANES):
+    for number in range(count):
         alone = np.zeros((len(b), 6))
         everything(
             runs_of(a)[..., number].copy(), runs_of(b)[..., number].copy(), 0.25, alone

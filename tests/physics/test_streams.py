@@ -28,11 +28,13 @@ FACTORS = (0.01, 3.0, 5.0, 8.0)
 
 
 def waves(sizes=(90, 2, 160, 40, 120)):
+    """Motions of unlike steps and lengths; the last one comes after another."""
     rng = np.random.default_rng(5)
-    return [
+    made = [
         af.Motion(6.0 * np.hanning(n) * rng.normal(size=n), 0.02 + 1e-3 * k)
         for k, n in enumerate(sizes)
     ]
+    return [*made, made[0].then(made[0].scaled(0.5), 0.3)]
 
 
 def streamed(arch, pairs, most, **given):
@@ -101,6 +103,7 @@ def test_motions_come_and_go():
         apart = rng.normal(size=(n, 2, 2)) if far else None
         one = grounds_of([(*given, apart)], [float(turn)])
         number = places.put(one, list(held))
+        assert number not in held
         assert places.put(one, [*held, number]) == number
         held[number] = one
         whole = places.grounds

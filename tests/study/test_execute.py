@@ -19,11 +19,12 @@ import pytest
 from archfrag.errors import InputError, OutputError
 from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
+from archfrag.simulation.simulate import simulate
 from archfrag.study.designs import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
-from archfrag.study.runs.store import gather, make_plan, read_part
+from archfrag.study.runs.store import Plan, gather, make_plan, read_part
 from archfrag.study.steps import only_run
 from archfrag.system import stoppable
 from tests.study.small import ROOT, changed
@@ -162,11 +163,23 @@ def test_threads_and_chunks_change_no_bit_and_start_no_process(
             each[3].drop(columns="wall_time"), found[0][3].drop(columns="wall_time")
         )
     assert set(psutil.Process().children(recursive=True)) <= before
-    made = sum(
-        len(task[2]) for graph in graphs for key, task in graph.items() if key != "plan"
-    )
-    assert made == 3 * len(found[0][0])
-    assert all(graph["plan"].records == make_plan(study).records for graph in graphs)
+    assert [len(graph) for graph in graphs] == [1, 2, 16]
+    plan = make_plan(study)
+    cases, rows = found[0][:2]
+    for case, row in zip(cases, rows):
+        motion = plan.motion(plan.records[case["record"]])
+        given = study.method.model_dump(exclude={"name"})
+        alone = simulate(
+            plan.arch(case["arch"]),
+            motion,
+            plan.factors(cases[cases == case])[0],
+            study.method.name,
+            **given,
+        )
+        assert (alone.steps, alone.end_time) == (row["steps"], row["end_time"])
+    parts = [len(read_part(path)) for path in make_plan(study).parts.glob("*.npy")]
+    assert sum(parts) == len(found[0][0])
+    assert max(parts) <= 3
 
 
 def test_what_two_arches_have_in_common_is_made_once(copied):
@@ -191,10 +204,34 @@ def test_an_error_of_a_run_ends_the_batch_at_once(copied, monkeypatch):
     def fail(*_, **__):
         raise InputError("this arch has no key stone")
 
-    monkeypatch.setattr(workers, "make_runs", fail)
+    monkeypatch.setattr(workers.Stream, "go_on", fail)
     for threads in (1, 4):
         with pytest.raises(InputError, match="this arch has no key stone"):
             run_batch(cleared(copied.study), workers=threads, quiet=True)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_error_among_runs_that_share_lanes_ends_all_threads(
+    copied, monkeypatch, threads
+):
+    begun = set(threading.enumerate())
+    known = Plan.ground
+
+    def ground(self, arch, record, factor):
+        if arch == 1 and record == 1:
+            raise InputError("this record is gone")
+        return known(self, arch, record, factor)
+
+    monkeypatch.setattr(Plan, "ground", ground)
+    with pytest.raises(InputError, match="this record is gone"):
+        run_batch(
+            changed(cleared(copied.study), "execution", chunk=2, workers=threads),
+            quiet=True,
+        )
+    until = time.monotonic() + 20.0
+    while set(threading.enumerate()) - begun and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not set(threading.enumerate()) - begun
 
 
 def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatch):
@@ -212,7 +249,7 @@ def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatc
         os.kill(os.getpid(), signal.SIGINT)
 
     # Processes that a shell starts in the background ignore it.
-    monkeypatch.setattr(workers, "make_runs", wait)
+    monkeypatch.setattr(workers.Stream, "go_on", wait)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     presser = threading.Thread(target=interrupt)
     presser.start()

@@ -306,7 +306,8 @@ def measures_of(
             grids[name] = value, np.atleast_1d(grid[0](*asked.periods))
     periods = np.unique([each for _, grid in grids.values() for each in grid])
     found = []
-    for motion, spectrum in zip(motions, spectra_of(motions, periods)):
+    spectra = spectra_of(motions, periods) if periods.size else motions
+    for motion, spectrum in zip(motions, spectra):
         values = {}
         for name in names:
             if name in grids:

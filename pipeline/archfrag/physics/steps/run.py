@@ -50,7 +50,7 @@ from archfrag.system import Deferred
 UNKNOWN = (np.nan, np.nan)
 load = Deferred("archfrag.physics.kernels.load")  # it needs LLVM
 PLACES = 3 * LANES[-1]  # for runs that go on or wait
-PATIENCE = 20  # pieces of work between two looks for other runs where there is room
+PATIENCE = 200  # pieces of work between two looks for other runs where there is room
 RIGID = Law(
     pose=pose_contacts,
     solve=solve_contacts,
@@ -276,11 +276,10 @@ def _makes(
 def lanes_for(chain: Chain) -> int:
     """Return how many runs of a chain go side by side.
 
-    Eight runs with rigid joints of one span are faster than four where a processor has registers
-    for them.
+    Runs with rigid joints of one span go eight at a time where that is faster.
     """
     plain = chain.joint is None and chain.body is None
-    return LANES[plain and load.has_wide_registers()]
+    return LANES[plain and load.takes_eight()]
 
 
 def _side_by_side(make: Callable[..., Runs], count: int) -> Runs:

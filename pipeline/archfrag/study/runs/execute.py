@@ -6,12 +6,8 @@ A batch that was stopped goes on from the runs that are stored.
 import contextlib
 import sys
 import time
-import uuid
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import count, islice, repeat
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,17 +24,12 @@ from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.store import Plan, Table, places
-from archfrag.study.runs.workers import Cluster, Threads, workers_of
+from archfrag.study.runs.workers import Cluster, Made, Threads, workers_of
 from archfrag.system import every
 
-# A chunk is one task of dask. Threads of one process fill their lanes with runs of all chunks that
-# have begun, a worker of a cluster with those of one: chunks of 4 cost it half as much again as
-# those of 64. If there are many chunks, workers wait less for the last one.
-SMALLEST_CHUNK = 8
-LARGEST_CHUNK = 64
-CHUNKS_EACH = 8
-# Most runs of an adaptive design in a chunk; a free worker gets its share of those that wait.
-LARGEST_SHARE = 16
+# Unless a study says how many, rows are stored when there are so many, or after so long [s].
+PART = 64
+STORED_EACH = 1.0
 
 
 def run_batch(
@@ -73,6 +64,7 @@ def run_batch(
         bar.estimate = len(requests) * size
     with bar, contextlib.ExitStack() as stack:
         maker = _Maker(plan, stored, workers or study.execution.workers, bar, stack)
+        stack.callback(maker.store, whole=True)
         cases, _ = drive(requests, maker.answer)
         bar.finish(maker.log["runs"])
         bar.leave = False  # the caller tells what was done
@@ -130,9 +122,8 @@ class _Maker:
         self._alike = np.empty(
             0, CASE
         )  # waiting runs with the key of a run that is sent
-        self._chunks: dict[Any, Cases] = {}  # chunks that workers have, by key
-        # Unique, since a scheduler may hold keys of others.
-        self._keys = zip(repeat(f"runs-{uuid.uuid4().hex}"), count())
+        self._unstored: list[Table] = []
+        self._stored_at = time.monotonic()
 
     def answer(self, cases: Cases) -> tuple[Cases, Verdicts]:
         """Take new requests; return some of the runs requested so far, and their verdicts.
@@ -168,46 +159,39 @@ class _Maker:
                 )
             )
         if len(self._waiting):
-            self._send(self._workers)
+            self._workers.send(self._waiting)
+            self._waiting = np.empty(0, CASE)
         taken = self._take(self._workers.made())
         # An adaptive cluster has workers only now, or has let them go again.
         log["workers"] = max(log["workers"], self._workers.count, 1)
         return taken
 
-    def _send(self, workers: Threads | Cluster) -> None:
-        """Send waiting runs to workers in chunks.
+    def store(self, whole: bool = False) -> None:
+        """Store rows, if there are enough for a part or it was long ago; all if `whole`."""
+        given = self.plan.study.execution.chunk
+        size = given or PART
+        now = time.monotonic()
+        whole |= not given and now > self._stored_at + STORED_EACH
+        if not self._unstored or (sum(map(len, self._unstored)) < size and not whole):
+            return
+        rows = np.concatenate(self._unstored)
+        end = len(rows) if whole else len(rows) // size * size
+        for start in range(0, end, size):
+            store.write_part(self.plan.parts, rows[start : min(start + size, end)])
+        self._unstored = [rows[end:]] if end < len(rows) else []
+        self._stored_at = now
 
-        All are sent; of an adaptive design only as many chunks as workers can take now.
+    def _take(self, made: list[Made]) -> tuple[Cases, Verdicts]:
+        """Keep the rows of some runs; return the runs and their verdicts.
+
+        Runs that wait with the same key are returned too.
         """
-        waiting = len(self._waiting)
-        if self.plan.study.design.adaptive:
-            room = max(workers.room - len(self._chunks), 0)
-            size = min(-(-waiting // max(room, 1)), LARGEST_SHARE)
-        else:
-            room = waiting
-            share = -(-waiting // max(workers.count, 1))
-            size = min(max(share // CHUNKS_EACH, SMALLEST_CHUNK), share, LARGEST_CHUNK)
-        cut = chunks(self._waiting, self.plan.study.execution.chunk or size)
-        new = dict(zip(self._keys, islice(cut, room)))
-        if new:
-            self._chunks |= new
-            self._waiting = np.concatenate([np.empty(0, CASE), *cut])
-            workers.send(new)
-
-    def _take(self, made: list[tuple[Any, Table]]) -> tuple[Cases, Verdicts]:
-        """Store the rows of some chunks; return the runs and their verdicts.
-
-        Runs that wait with the same key are returned too. `made` has the key of each chunk and its
-        rows.
-        """
-        cases = []
-        parts = []
-        for key, rows in made:
-            cases.append(self._chunks.pop(key))
-            parts.append(rows)
-            store.write_part(self.plan.parts, rows)
-            self.log["kernel_time"] += float(rows["wall_time"].sum())
-            self.bar.update(len(rows))
+        cases = [own for own, _ in made]
+        parts = [rows for _, rows in made]
+        self._unstored += parts
+        self.store()
+        self.log["kernel_time"] += sum(float(rows["wall_time"].sum()) for rows in parts)
+        self.bar.update(sum(map(len, parts)))
         self.made += parts
         table = store.joined(parts)
         at = places(table, self.plan.keys(self._alike))
@@ -215,13 +199,6 @@ class _Maker:
         verdicts = [*(rows["verdict"] for rows in parts), table["verdict"][at[at >= 0]]]
         self._alike = self._alike[at < 0]
         return np.concatenate(cases), np.concatenate(verdicts)
-
-
-def chunks(cases: Cases, size: int) -> Iterator[Cases]:
-    """Yield the runs in chunks of at most `size`, each of one arch."""
-    cases = cases[np.argsort(cases["arch"], kind="stable")]
-    for own in np.split(cases, np.flatnonzero(np.diff(cases["arch"])) + 1):
-        yield from (own[start : start + size] for start in range(0, len(own), size))
 
 
 def _prepare(plan: Plan, bar: tqdm) -> float:

@@ -13,6 +13,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from functools import cache, partial
+from itertools import count, islice, repeat
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -21,13 +22,12 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
-from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.steps.run import PLACES
 from archfrag.simulation.simulate import Stream
-from archfrag.study.designs import Cases
+from archfrag.study.designs import CASE, Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
-from archfrag.study.runs.store import ROW, Plan, Table
+from archfrag.study.runs.store import Plan, Table
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -38,117 +38,93 @@ HEARD_WITHIN = 0.5  # longest time until Ctrl-C is noticed [s]
 # This thread alone does so: two that import the same at once may fail.
 NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array")
 _GO_ON = "finished parts are kept, the same command goes on"
-Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
+Made = tuple[Cases, Table]  # runs and their rows
+# A chunk is one task of a cluster, whose lanes it fills alone: chunks of 4 cost half as much again
+# as those of 64. If there are many chunks, workers wait less for the last one.
+SMALLEST_CHUNK = 8
+LARGEST_CHUNK = 64
+CHUNKS_EACH = 8
+# Most runs of an adaptive design in a chunk; a free worker gets its share of those that wait.
+LARGEST_SHARE = 16
 _identity = cache(store.code_identity)
 _ONE_AT_A_TIME = threading.Lock()  # Python's parser needs it, up to 3.11 at least
 
 
-def make_runs(plan: Plan, cases: Cases, pool: "_Pool | None" = None) -> Table:
-    """Make some runs of one arch and return their rows.
+def make_runs(plan: Plan, cases: Cases) -> Table:
+    """Make some runs and return their rows.
 
-    They go side by side with runs of others that have the same `pool`. WorkerError if this process
-    has other code than the one that made the plan.
+    WorkerError if this process has other code than the one that made the plan.
     """
     with _ONE_AT_A_TIME:
         same = _identity() == plan.identity
     if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
-    return (pool or _Pool(1)).make(plan, cases)
+    made = list[Table]()
+    runs = _Runs(plan, 1, lambda cases, rows: made.append(rows))
+    runs.add(cases)
+    runs.end()
+    runs.make()
+    table = store.joined(made)
+    return table[store.places(table, plan.keys(cases))]
 
 
-class _Chunk:
-    """Runs of one arch that were asked for together, and their rows as they come."""
+class _Runs:
+    """Runs that wait, of which threads fill their lanes until all have ended.
 
-    def __init__(self, plan: Plan, cases: Cases) -> None:
-        self.plan = plan
-        self.arch = int(cases["arch"][0])
-        self.records = cases["record"].tolist()
-        self.factors = plan.factors(cases).tolist()
-        self.keys = plan.keys(cases)
-        self.rows = np.zeros(len(cases), ROW)
-        self.left = len(cases)  # runs that have not ended
-
-
-class _Pool:
-    """Runs that threads make together, so that all lanes are full until the last runs.
-
-    A thread waits for its own runs; meanwhile it steps a stream, which takes whatever runs of its
-    arch wait. At most `threads` do so at once.
+    Each of `threads` calls `make`; `keep` gets the runs that have ended and their rows.
     """
 
-    def __init__(self, threads: int) -> None:
+    def __init__(
+        self, plan: Plan, threads: int, keep: Callable[[Cases, Table], object]
+    ) -> None:
+        self._plan = plan
         self._threads = threads
-        self._busy = 0
+        self._keep = keep
         self._changed = threading.Condition()
-        self._waiting = defaultdict[int, deque[tuple[_Chunk, int]]](deque)  # by arch
-        self._streams: list[tuple[int, Stream]] = []  # by arch; those that nobody steps
-        self._error: BaseException | None = None
+        self._waiting = defaultdict[int, deque[tuple[Any, float]]](deque)  # by arch
+        self._ends = False
+        self._stops = False
 
-    def make(self, plan: Plan, cases: Cases) -> Table:
-        """Make runs of one arch; return their rows."""
-        chunk = _Chunk(plan, cases)
+    def add(self, cases: Cases) -> None:
+        """Add runs."""
+        pairs = zip(cases, self._plan.factors(cases).tolist())
         with self._changed:
-            self._waiting[chunk.arch] += ((chunk, row) for row in range(len(cases)))
-            self._changed.notify_all()
-        while chunk.left:
-            with self._changed:
-                self._changed.wait_for(lambda: not chunk.left or self._can_step())
-                if self._error:
-                    raise self._error
-                self._busy += 1
-            try:
-                self._step_until(chunk)
-            except BaseException as error:
-                self.end(error)
-            finally:
-                with self._changed:
-                    self._busy -= 1
-                    self._changed.notify_all()
-        return chunk.rows
-
-    def end(self, error: BaseException) -> None:
-        """Raise an error in all threads that wait for runs."""
-        with self._changed:
-            self._error = self._error or error
+            for case, factor in pairs:
+                self._waiting[int(case["arch"])].append((case, factor))
             self._changed.notify_all()
 
-    def _can_step(self) -> bool:
-        room = self._busy < self._threads
-        return bool(self._error) or (room and self._has_work())
+    def end(self, stop: bool = False) -> None:
+        """Let threads return when no run is left; if `stop`, as soon as they can."""
+        with self._changed:
+            self._ends = True
+            self._stops = stop
+            self._changed.notify_all()
 
-    def _has_work(self) -> bool:
-        held = any(stream.held for _, stream in self._streams)
-        return held or any(self._waiting.values())
+    def make(self) -> None:
+        """Make runs until `end` is called and none is left for this thread."""
+        options = self._plan.study.method.model_dump()
+        options["method"] = options.pop("name")
+        made = -1
+        while (arch := self._next_arch(made)) is not None:
+            if arch != made:
+                stream = Stream(self._plan.arch(arch), **options)
+                made = arch
+            while self._fill(arch, stream) and not self._stops:
+                ended, results, wall_time, starts = stream.go_on()
+                if ended:
+                    cases = np.array(ended, CASE)
+                    keys = self._plan.keys(cases)
+                    rows = store.table_of(keys, results, wall_time, starts)
+                    self._keep(cases, rows)
 
-    def _step_until(self, chunk: _Chunk) -> None:
-        """Step streams until all runs of a chunk have ended, or only others step them."""
-        while chunk.left and not self._error:
-            with self._changed:
-                if not self._has_work():
-                    return
-                arch, stream = self._take_stream()
-            if stream is None:
-                options = chunk.plan.study.method.model_dump()
-                options["method"] = options.pop("name")
-                stream = Stream(chunk.plan.arch(arch), **options)
-            while self._fill(arch, stream) and chunk.left and not self._error:
-                self._keep(*stream.go_on())
-            with self._changed:
-                self._streams.append((arch, stream))
-
-    def _take_stream(self) -> tuple[int, Stream | None]:
-        """Take a stream that nobody steps, of an arch whose runs wait if none has begun."""
-        asked = next((arch for arch, runs in self._waiting.items() if runs), -1)
-
-        def use(each: tuple[int, Stream]) -> tuple[bool, bool]:
-            return each[1].held > 0, each[0] == asked
-
-        best = max(self._streams, key=use, default=None)
-        if best is None or not any(use(best)):
-            del self._streams[self._threads :]
-            return asked, None
-        self._streams.remove(best)
-        return best
+    def _next_arch(self, made: int) -> int | None:
+        """Wait for runs; return an arch that has some, `made` if it has."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ends or any(self._waiting.values()))
+            asked = [arch for arch, runs in self._waiting.items() if runs]
+            if not asked or self._stops:
+                return None
+            return made if made in asked else asked[0]
 
     def _fill(self, arch: int, stream: Stream) -> int:
         """Let a stream take waiting runs of its arch; return how many it holds then."""
@@ -157,21 +133,10 @@ class _Pool:
             ahead = len(waiting) // (2 * stream.lanes * self._threads)
             room = min(stream.lanes + ahead, PLACES) - stream.held
             taken = [waiting.popleft() for _ in range(min(room, len(waiting)))]
-        for chunk, row in taken:
-            moved = chunk.plan.ground(arch, chunk.records[row], chunk.factors[row])
-            stream.add((chunk, row), *moved)
+        for case, factor in taken:
+            ground = self._plan.ground(arch, int(case["record"]), factor)
+            stream.add(case, *ground)
         return stream.held
-
-    def _keep(self, ended: list[tuple[_Chunk, int]], *results) -> None:
-        """Give the rows of runs that have ended to their chunks."""
-        keys = np.array([chunk.keys[row] for chunk, row in ended], ROW["key"])
-        table = store.table_of(keys, *results)
-        with self._changed:
-            for (chunk, row), made in zip(ended, table):
-                chunk.rows[row] = made
-                chunk.left -= 1
-            if not all(chunk.left for chunk, _ in ended):
-                self._changed.notify_all()
 
 
 def describe_code() -> str:
@@ -186,56 +151,50 @@ def describe_code() -> str:
 class Threads:
     """Workers that are threads of this process.
 
-    Kernels run in parallel on them, since they do not hold the GIL. There are more threads than
-    cores: most wait for runs of theirs that others step.
+    Kernels run in parallel on them, since they do not hold the GIL.
     """
 
     def __init__(self, plan: Plan, count: int) -> None:
         self.count = count
-        self.room = (LANES[-1] + 1) * count
-        self._plan = plan
-        self._runs = _Pool(count)
         self._made = SimpleQueue[Made | Future]()
-        self._pool = ThreadPoolExecutor(self.room)
-        self._graphs = ThreadPoolExecutor(self.room)  # each thread waits for a graph
+        self._runs = _Runs(plan, count, lambda *made: self._made.put(made))
+        self._pool = ThreadPoolExecutor(count)
+        self._graph = ThreadPoolExecutor(1)  # its thread waits for all others
+        self._begun = False
 
-    def send(self, chunks: dict[Any, Cases]) -> None:
-        """Start some chunks of runs, given by key."""
+    def send(self, cases: Cases) -> None:
+        """Let threads make some runs."""
+        self._runs.add(cases)
+        if self._begun:
+            return
+        self._begun = True
         import dask.threaded
-
-        make = partial(make_runs, pool=self._runs)
-        graph: dict[Any, Any] = {"plan": self._plan}
-        graph |= {key: (make, "plan", chunk) for key, chunk in chunks.items()}
-
-        def keep(key, rows, *_) -> None:
-            if key != "plan":
-                self._made.put((key, rows))
 
         def end(whole: Future) -> None:
             if not whole.cancelled() and whole.exception():
                 self._made.put(whole)
 
-        self._graphs.submit(
-            dask.threaded.get,
-            graph,
-            list(chunks),
-            pool=self._pool,
-            callbacks=[(None, None, None, keep, None)],  # after each task
+        graph = {f"runs-{number}": (self._runs.make,) for number in range(self.count)}
+        self._graph.submit(
+            dask.threaded.get, graph, list(graph), pool=self._pool
         ).add_done_callback(end)
         for name in NEEDED_LATER:  # kernels leave the GIL to it
             importlib.import_module(name)
 
     def made(self) -> list[Made]:
-        """Wait for the next chunk; return its key and its rows, in a list."""
-        while True:  # a signal may come just before a wait, and is heard after it
+        """Wait for the next runs; return some of them and their rows."""
+        found = list[Made | Future]()
+        while not found:  # a signal may come just before a wait, and is heard after it
             with contextlib.suppress(Empty):
-                found = self._made.get(timeout=HEARD_WITHIN)
-                return [found.result() if isinstance(found, Future) else found]
+                found.append(self._made.get(timeout=HEARD_WITHIN))
+                while True:
+                    found.append(self._made.get_nowait())
+        return [each.result() if isinstance(each, Future) else each for each in found]
 
     def close(self) -> None:
-        """Start no more chunks, and leave those that were begun once a run ends."""
-        self._runs.end(CancelledError())
-        for pool in (self._pool, self._graphs):
+        """Begin no more runs; threads end once a run of theirs does."""
+        self._runs.end(stop=True)
+        for pool in (self._pool, self._graph):
             pool.shutdown(wait=False, cancel_futures=True)
 
 
@@ -248,6 +207,11 @@ class Cluster:
 
         self._client = client
         self._name = name
+        self._study = plan.study
+        self._waiting = np.empty(0, CASE)
+        self._chunks: dict[Any, Cases] = {}  # that workers have, by key
+        # Unique, since a scheduler may hold keys of others.
+        self._keys = zip(repeat(f"runs-{uuid.uuid4().hex}"), count())
         key = f"plan-{uuid.uuid4().hex}"  # others may use the scheduler too
         with self._worded():
             self._futures = as_completed(with_results=True, loop=client.loop)
@@ -267,26 +231,44 @@ class Cluster:
         with self._worded():
             return sum(self._client.nthreads().values())
 
-    @property
-    def room(self) -> int:
-        """Number of chunks that keep all workers busy: one waits."""
-        return self.count + 1
+    def send(self, cases: Cases) -> None:
+        """Let workers make some runs."""
+        self._waiting = np.concatenate([self._waiting, cases])
 
-    def send(self, chunks: dict[Any, Cases]) -> None:
-        """Start some chunks of runs, given by key."""
-        graph = {
-            key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()
-        }
+    def _start(self) -> None:
+        """Send waiting runs to workers in chunks.
+
+        All are sent; of an adaptive design only as many chunks as workers can take now, and one
+        that waits.
+        """
+        waiting = len(self._waiting)
+        count = self.count
+        if self._study.design.adaptive:
+            room = max(count + 1 - len(self._chunks), 0)
+            size = min(-(-waiting // max(room, 1)), LARGEST_SHARE)
+        else:
+            room = waiting
+            share = -(-waiting // max(count, 1))
+            size = min(max(share // CHUNKS_EACH, SMALLEST_CHUNK), share, LARGEST_CHUNK)
+        cut = chunks(self._waiting, self._study.execution.chunk or size)
+        new = dict(zip(self._keys, islice(cut, room)))
+        if not new:
+            return
+        self._chunks |= new
+        self._waiting = np.concatenate([np.empty(0, CASE), *cut])
+        graph = {key: (operator.call, self._plan, chunk) for key, chunk in new.items()}
         with self._worded():
             self._futures.update(self._client.get(graph, list(graph), sync=False))
 
     def made(self) -> list[Made]:
-        """Wait for the next chunks; return the key and the rows of each."""
+        """Wait for the next runs; return some of them and their rows."""
+        if len(self._waiting):
+            self._start()
         with self._worded():
             found = [(future.key, rows) for future, rows in self._futures.next_batch()]
             if not all(isinstance(rows, np.ndarray) for _, rows in found):
                 raise CancelledError
-            return found
+        return [(self._chunks.pop(key), rows) for key, rows in found]
 
     def close(self) -> None:
         """Cancel all chunks that are not finished."""
@@ -320,6 +302,13 @@ class Cluster:
                 f"a worker failed: {type(error).__name__}: {error}; all workers must have "
                 f"{describe_code()}; {_GO_ON}"
             ) from error
+
+
+def chunks(cases: Cases, size: int) -> Iterator[Cases]:
+    """Yield the runs in chunks of at most `size`, each of one arch."""
+    cases = cases[np.argsort(cases["arch"], kind="stable")]
+    for own in np.split(cases, np.flatnonzero(np.diff(cases["arch"])) + 1):
+        yield from (own[start : start + size] for start in range(0, len(own), size))
 
 
 @contextlib.contextmanager
