@@ -363,15 +363,22 @@ def write_csv(target: Path, pieces: "Iterable[pd.DataFrame]", **form) -> None:
     `pandas.DataFrame.to_csv`.
     """
     form |= {"index": False, "lineterminator": "\n"}
+    digits = form.get("float_format")
     with (
         replacing(target) as part,
         part.open("w", encoding="utf-8", newline="") as file,
     ):
         for number, piece in enumerate(pieces):
             table = piece.rename(columns=quoted)
-            texts = table.select_dtypes(exclude=["number", "bool"])
-            table = table.assign(**texts.astype(object).map(quoted))
-            table.to_csv(file, header=number == 0, **form)
+            new = table.select_dtypes(exclude=["number", "bool"]).astype(object)
+            for name, column in new.items():
+                if any(quoted(each) is not each for each in column.unique()):
+                    new[name] = column.map(quoted)
+            if digits:  # which pandas takes three times as long for
+                for name, column in table.select_dtypes("float").items():
+                    cells = column.tolist()
+                    new[name] = [digits % x if x == x else "" for x in cells]
+            table.assign(**new).to_csv(file, header=number == 0, **form)
 
 
 Row = tuple[int, list[str]]  # number of the line, cells

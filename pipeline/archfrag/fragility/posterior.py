@@ -6,9 +6,11 @@ ln theta grows with beta. For such priors of fragility curves see Van Biesbroeck
 Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +21,12 @@ from archfrag.fragility.curve import Curve, FloatArray, Pair, credible_band, tai
 from archfrag.fragility.density import Density
 from archfrag.fragility.fit import fit_brackets
 from archfrag.fragility.verdicts import Brackets, checked_stripes
+from archfrag.system import available_cores
 
 # Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
 Terms = Callable[[FloatArray, FloatArray], Pair]
+# Cells of ln capacity, chances of the runs of some records in each, and weights of the records.
+Chances = tuple[slice, FloatArray, FloatArray]
 
 _ROWS = 72  # of the grid: values of beta, and of ln theta for each
 _NODES = 96
@@ -37,6 +42,11 @@ _MOST_LEVELS = 150  # of runs that each have a level of their own
 _TRIED = 16
 _SCATTERS = 8
 _FALL = 8.0
+# Of more records, so many at a time are summed over the cells alone that their runs allow.
+_MANY = 1000
+_THREADED = 100  # records, from which threads gain
+_BLOCK = 200
+_LEAST_CHANCE = 1e-90  # over the greatest of a record
 ONE_LEVEL = "runs that collapsed or survived are at 1 level; a posterior needs two"
 # Quantiles: of cuts, of one standard deviation each way, and the median.
 _LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
@@ -172,7 +182,7 @@ def fit_capacity_posterior(
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         prior = capacity_prior(beta, resolved, x)
-        return _of_cells(ends, chance, power, log_theta, beta), prior
+        return _of_cells(ends, [(slice(None), chance, power)], log_theta, beta), prior
 
     return _summed(terms, x, (np.median(x), resolved), power.sum())
 
@@ -213,23 +223,25 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
         0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED
     )
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
-    fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
+    blocks = [(runs[:, some], power[some]) for some in _neighbours(runs)]
+    fits = np.array([_of_cells(*_chances(x, blocks, s), *at)[0, 0] for s in tried])
     good = np.flatnonzero(fits > fits.max() - _FALL)
     ends = tried[max(good[0] - 1, 0)], tried[min(good[-1] + 1, _TRIED - 1)]
     scatter = np.geomspace(*ends, _SCATTERS)
     step = np.log(scatter[1] / scatter[0])  # s is summed over in equal steps of ln s
-    cells = [_chances(x, runs, s) for s in scatter]
+    cells = [_chances(x, blocks, s) for s in scatter]
 
     def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
-        logs = []
-        for s, own in zip(scatter, cells):
+        def at(s: float, own: tuple[FloatArray, list[Chances]]) -> FloatArray:
             each = np.full(log_theta.shape, -np.inf)
             some = beta[:, 0] > s
             of_records = np.sqrt(np.maximum(beta[some] ** 2 - s**2, (1e-6 * s) ** 2))
-            each[some] = _of_cells(*own, power, log_theta[some], of_records)
+            each[some] = _of_cells(*own, log_theta[some], of_records)
             each[some] += np.log(step * s / beta[some])
-            logs.append(each)
-        return np.array(logs)
+            return each
+
+        side_by_side = _threads().map if runs.shape[1] >= _THREADED else map
+        return np.array([*side_by_side(at, scatter, cells)])
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Pair:
         likelihood = logsumexp(by_scatter(log_theta, beta), axis=0)
@@ -242,12 +254,32 @@ def _with_scatter(brackets: Brackets, share: float) -> Posterior:
     return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
-def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> Pair:
-    """Return the ends of cells of ln capacity, and probabilities of the runs of each record.
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """Return the threads for values of scatter side by side."""
+    return ThreadPoolExecutor(min(available_cores(), _SCATTERS))
 
-    The ends are (n_cell + 1,). The probabilities, (n_record, n_cell), are those if the capacity of
-    the record lies in the cell. `runs`, (2, n_record, n_level), are collapses and survivals at the
-    ln levels `x`.
+
+def _neighbours(runs: FloatArray) -> list[Any]:
+    """Return indices of records: all in one, or, of many, those with borders near each other.
+
+    `runs`, (2, n_record, n_level), are collapses and survivals at rising levels.
+    """
+    n = runs.shape[1]
+    if n < _MANY:
+        return [slice(None)]
+    border = (runs[0] - runs[1]).cumsum(axis=1).argmin(axis=1)
+    return np.array_split(border.argsort(kind="stable"), n // _BLOCK)
+
+
+def _chances(
+    x: FloatArray, blocks: Sequence[Pair], scatter: float
+) -> tuple[FloatArray, list[Chances]]:
+    """Return the ends of cells of ln capacity, and the probabilities of the runs of records.
+
+    The ends are (n_cell + 1,). `blocks` have runs and weights of some records each; the runs,
+    (2, n_record, n_level), are collapses and survivals at the ln levels `x`. Probabilities,
+    (n_record, n), are those if the capacity of the record lies in the cell.
     """
     parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
     within = map(partial(np.linspace, endpoint=False), x[:-1], x[1:], parts)
@@ -256,27 +288,37 @@ def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> Pair:
     step = 0.25 * scatter
     middle = np.r_[ends[0] - step, 0.5 * (ends[1:] + ends[:-1]), ends[-1] + step]
     z = (x[:, None] - middle) / scatter
-    chance = np.exp(runs[0] @ log_ndtr(z) + runs[1] @ log_ndtr(-z))
-    return np.r_[-np.inf, ends, np.inf], chance
+    above, below = log_ndtr(z), log_ndtr(-z)
+    found = list[Chances]()
+    for runs, power in blocks:
+        chance = np.exp(runs[0] @ above + runs[1] @ below)
+        cells = slice(None)
+        if len(blocks) > 1:
+            least = _LEAST_CHANCE * chance.max(axis=1, keepdims=True)
+            at = np.flatnonzero((chance > least).any(axis=0))
+            cells = slice(at[0], at[-1] + 1) if at.size else slice(0)
+        found.append((cells, chance[:, cells].copy(), power))
+    return np.r_[-np.inf, ends, np.inf], found
 
 
 def _of_cells(
     ends: FloatArray,
-    chance: FloatArray,
-    power: FloatArray,
+    chances: Sequence[Chances],
     log_theta: FloatArray,
     beta: FloatArray,
 ) -> FloatArray:
     """Return the log-likelihood of records, of the shape of `log_theta`.
 
-    `ends` and `chance` are those of `_chances`; `power` is the weight of each record.
+    `ends` and `chances` are those of `_chances`.
     """
-    logs = np.empty(log_theta.shape)
+    logs = np.zeros(log_theta.shape)
     # One beta at a time stays in the cache.
     for row, t, b in zip(logs, log_theta, beta):
-        likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T
-        np.log(np.maximum(likelihood, 1e-300, out=likelihood), out=likelihood)
-        row[:] = likelihood @ power
+        mass = np.diff(ndtr((ends - t[:, None]) / b), axis=1)
+        for cells, chance, power in chances:
+            likelihood = mass[:, cells] @ chance.T
+            np.log(np.maximum(likelihood, 1e-300, out=likelihood), out=likelihood)
+            row += likelihood @ power
     return logs
 
 

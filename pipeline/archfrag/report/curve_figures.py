@@ -334,9 +334,9 @@ def theta_panels(
     theta = theta[fitted]
     values = {}
     lines = {}
-    for variable, numbers in inputs.cube.sel(arch=list(members)).data_vars.items():
+    for variable, numbers in inputs.cube.data_vars.items():
         if str(variable).startswith("arch_") and numbers.dtype.kind in "fiu":
-            each = numbers.values.astype(float)
+            each = numbers.sel(arch=list(members)).values.astype(float)
             each[np.isinf(each)] = np.nan  # has no place on an axis
             if np.unique(each[~np.isnan(each)]).size > 1:
                 key = str(variable).removeprefix("arch_").replace("_", " ")

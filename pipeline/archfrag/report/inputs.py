@@ -442,8 +442,8 @@ def runs_in_words(
             names[name] = name if unit == "1" else f"{name} [{unit}]"
     names["intensity"] = intensity
     for piece in pieces:
-        levels = [_stated(si, factor) for si in piece["intensity"]]
-        own: Named = {"intensity": levels}
+        levels = {si: _stated(si, factor) for si in piece["intensity"].unique()}
+        own: Named = {"intensity": piece["intensity"].map(levels)}
         for name in names:
             codes = about[name].get("codes", {})
             words = {code: word.replace("_", " ") for word, code in codes.items()}
@@ -578,7 +578,8 @@ def _counted(
     counts["not_run"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.SURVIVED) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())
-    modes = [CollapseMode(code).name.lower() for code in mode[collapsed]]
+    named = {int(each): each.name.lower() for each in CollapseMode}
+    modes = [named[code] for code in mode[collapsed].tolist()]
     mechanisms = {
         kind: {
             str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())

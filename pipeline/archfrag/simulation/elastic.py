@@ -14,6 +14,10 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.checks import FloatArray
 from archfrag.physics.state import model_of
+from archfrag.system import Deferred
+
+sparse = Deferred("scipy.sparse")
+linear = Deferred("scipy.sparse.linalg")
 
 # BALANCED: largest residual over the mean weight of a body. MOST_ITERATIONS: of Newton's method.
 # NUDGE: displacements of difference quotients over the mean overlap of joints under the weight.
@@ -30,6 +34,8 @@ CUT = 0.3
 MOST_STEPS = 300
 PAST = 0.995
 SHORTEST = 1e-4 * FIRST
+# LARGE: unknowns from which numpy's solution has other last bits with another number of threads.
+LARGE = 96
 
 
 def _rotated(
@@ -38,6 +44,16 @@ def _rotated(
     """Rotate vectors (2, n_joint, ...) by an angle, given by cosine and sine; return x and y."""
     x, y = vector
     return cosine * x - sine * y, sine * x + cosine * y
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve by operations in the same order, whatever the number of threads of the BLAS."""
+    if right.size < LARGE:
+        return np.linalg.solve(matrix, right)
+    try:
+        return linear.splu(sparse.csc_array(matrix)).solve(right)
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(error) from error
 
 
 class ElasticArch:
@@ -166,7 +182,7 @@ class ElasticArch:
             if error < BALANCED and abs(left[-1]) < BALANCED * FIRST * self.size:
                 return position, load, iteration
             try:
-                step = np.linalg.solve(system, -left)
+                step = _solved(system, -left)
             except np.linalg.LinAlgError:
                 break
             if not np.isfinite(step).all():
@@ -183,7 +199,7 @@ class ElasticArch:
         start = np.zeros((self.weight.size, 3))
         _, closed = self._system(start, closed=True)
         start[:, 1] = self.weight
-        position = np.linalg.solve(closed, start.ravel()).reshape(-1, 3)
+        position = _solved(closed, start.ravel()).reshape(-1, 3)
         position, _, iterations = self._balance(position, 0.0, 0.0, held=True)
         if iterations > 4 * MOST_ITERATIONS:
             return None

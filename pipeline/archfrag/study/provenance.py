@@ -36,7 +36,7 @@ from archfrag.files import (
     sha256_of,
     sweep,
 )
-from archfrag.system import Deferred
+from archfrag.system import Deferred, available_cores
 from archfrag.version import __version__
 
 if TYPE_CHECKING:
@@ -413,12 +413,6 @@ def finite(value, none=str):
     if isinstance(value, list | tuple):
         return [finite(entry, none) for entry in value]
     return value
-
-
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def machine() -> Named:

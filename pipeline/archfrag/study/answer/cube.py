@@ -30,9 +30,11 @@ from archfrag.study.file.prepared import read_manifest
 from archfrag.study.file.schema import StudyKeys
 from archfrag.study.provenance import strict_json
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
+from archfrag.system import give_back_memory
 from archfrag.version import __version__
 
 COMPRESSION = 4
+LARGE = 2 * 10**7  # bytes of a cube: 10^5 runs, below which memory does not matter
 _LOCK = combine_locks([HDF5_LOCK, NETCDFC_LOCK])  # as xarray takes for each file
 # cells of a variable that the file stores together: whole arches, up to 1 MB
 CHUNK = 2**17
@@ -67,6 +69,10 @@ def write_cube(study: StudyKeys) -> Path:
                 cube.dump_to_store(store)
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
+    large = cube.nbytes > LARGE
+    del cube
+    if large:
+        give_back_memory()
     return path
 
 
@@ -173,11 +179,16 @@ def stored_cube(study: StudyKeys) -> xr.Dataset:
     provenance.refuse_foreign_cube(study)
     try:
         with provenance.NETCDF, xr.open_dataset(path) as cube:
-            return cube.load()
+            if cube.nbytes > LARGE:
+                give_back_memory()  # of steps before
+            cube.load()
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: is missing or damaged; `archfrag cube` on the study file makes it"
         ) from error
+    if cube.nbytes > LARGE:
+        give_back_memory()  # of the netCDF library, half as much as the cube takes
+    return cube
 
 
 def _variable(about, values) -> xr.Variable:

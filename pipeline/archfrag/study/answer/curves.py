@@ -84,8 +84,10 @@ class ArchRuns:
 
     @cached_property
     def cube(self):
-        """Cube of these arches."""
-        return self.whole.isel(arch=self.arches)
+        """Cube of these arches; of neighbours it is a view, since the whole may be large."""
+        first, last = self.arches[0], self.arches[-1]
+        near = last - first < len(self.arches)
+        return self.whole.isel(arch=slice(first, last + 1) if near else self.arches)
 
     @property
     def group(self) -> Names | None:

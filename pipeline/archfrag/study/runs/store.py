@@ -77,6 +77,8 @@ ROW = np.dtype(
         ("wall_time", "f8"),
     ]
 )
+_TOGETHER = 1000  # parts that are read
+_WHOLE = np.dtype((np.void, ROW.itemsize))  # numpy copies columns one by one
 
 
 def code_identity() -> str:
@@ -296,16 +298,31 @@ def _dtype_of(header: bytes) -> np.dtype:
 
 
 def read_parts(folder: Path) -> Table:
-    """Return the rows of all parts in a folder, sorted by key; a row takes about 300 bytes."""
-    return joined(map(read_part, sorted(folder.glob("*.npy"))))
+    """Return the rows of all parts in a folder, sorted by key.
+
+    A row takes about 300 bytes, twice as much while rows are sorted.
+    """
+    paths = sorted(folder.glob("*.npy"))
+    # Memory of small files would be kept by the process, that of some together is given back.
+    some = (paths[i : i + _TOGETHER] for i in range(0, len(paths), _TOGETHER))
+    return joined(joined(map(read_part, own)) for own in some)
 
 
 def joined(parts: Iterable[Table | None]) -> Table:
     """Return the rows of several tables, sorted by key; None stands for a damaged part."""
-    table = np.concatenate(
-        [np.zeros(0, ROW), *(part for part in parts if part is not None)]
-    )
-    return table[np.argsort(table["key"], kind="stable")]
+    known = [part for part in parts if part is not None and part.size]
+    keys = np.concatenate([np.empty(0, ROW["key"]), *(part["key"] for part in known)])
+    order = np.argsort(keys, kind="stable")
+    if len(known) == 1 and (np.diff(order) == 1).all():
+        return known[0]
+    # From the parts straight to their places: a million rows take 260 MB.
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    table = np.empty(order.size, ROW)
+    rows = table.view(_WHOLE)
+    for part, at in zip(known, np.split(place, np.cumsum([*map(len, known)])[:-1])):
+        rows[at] = part.view(_WHOLE)
+    return table
 
 
 def places(table: Table, keys: Keys) -> IntArray:
@@ -340,7 +357,8 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, Named]]:
 
     cases, facts = ask(plan.requests(), known)
     order = order_of(cases)
-    return cases[order], table[np.concatenate(found)[order]], facts
+    # `take` copies whole rows.
+    return cases.take(order), table.take(np.concatenate(found)[order]), facts
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
