@@ -1,7 +1,10 @@
 """Joints that give: contact points by the strips of elastic faces, and rows for the kernels."""
 
 import math
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -158,6 +161,24 @@ class TestInset:
             3,
         ]
         assert (inset(NAVE, af.jointed(NAVE, 1e10)) > 0.0).all()
+
+    def test_bits_do_not_depend_on_threads_of_linear_algebra(self):
+        """An arch of 47 voussoirs, as beyond 33 the elimination of OpenBLAS has threads."""
+        code = (
+            "import archfrag as af; arch = af.Arch.circular(5.0, 0.8, 180.0, 47, 0.7); "
+            "print(af.jointed(arch, 3e10).intrados.tobytes().hex())"
+        )
+        found = {
+            subprocess.run(
+                [sys.executable, "-c", code],
+                env={**os.environ, "OPENBLAS_NUM_THREADS": str(count)},
+                check=True,
+                capture_output=True,
+                text=True,
+            ).stdout
+            for count in (1, 2)
+        }
+        assert len(found) == 1
 
     def test_of_a_column_of_drums_and_of_polygons(self):
         drums = [[(-0.5, i), (0.5, i), (0.5, i + 1), (-0.5, i + 1)] for i in range(4)]

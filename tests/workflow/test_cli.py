@@ -62,17 +62,30 @@ class TestProcess:
         ],
         ids=["script", "module"],
     )
-    def test_few_searches_for_garbage(self, start, tmp_path):
-        """They are rarer by the time numpy is imported."""
+    @pytest.mark.parametrize(
+        ("given", "found"),
+        [({}, ["1", "1"]), ({"OMP_NUM_THREADS": "3"}, ["None", "3"])],
+        ids=["one thread", "the user's number"],
+    )
+    def test_linear_algebra_has_one_thread(
+        self, start, given, found, tmp_path, monkeypatch
+    ):
+        """Numpy reads the variables at its import; collections of garbage are rarer by then."""
         (tmp_path / "numpy.py").write_text(
-            "import gc, sys; print(gc.get_threshold()[0] > 10_000); sys.exit()"
+            "import gc, os, sys; print(*map(os.environ.get, ['OPENBLAS_NUM_THREADS', "
+            "'OMP_NUM_THREADS']), gc.get_threshold()[0] > 10_000); sys.exit()"
         )
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            monkeypatch.delenv(name, raising=False)
         places = [str(tmp_path), *sys.path]
         code = f"import sys; sys.path = {places}; sys.argv[1:] = ['validate', 'lost']; {start}"
         done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            env={**os.environ, **given},
         )
-        assert done.stdout.split() == ["True"], done.stderr
+        assert done.stdout.split() == [*found, "True"], done.stderr
 
     @pytest.mark.parametrize(
         "asked", ["error", "e::DeprecationWarning", "error::UserWarning"]

@@ -49,11 +49,8 @@ def _rotated(
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve by operations in the same order, whatever the number of threads of the BLAS."""
     if right.size < LARGE:
-        return np.linalg.solve(matrix, right)
-    try:
-        return linear.splu(sparse.csc_array(matrix)).solve(right)
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(error) from error
+        return np.asarray(np.linalg.solve(matrix, right))
+    return np.asarray(linear.splu(sparse.csc_array(matrix)).solve(right))
 
 
 class ElasticArch:
@@ -183,7 +180,7 @@ class ElasticArch:
                 return position, load, iteration
             try:
                 step = _solved(system, -left)
-            except np.linalg.LinAlgError:
+            except (np.linalg.LinAlgError, RuntimeError):  # singular
                 break
             if not np.isfinite(step).all():
                 break
