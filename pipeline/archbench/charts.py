@@ -16,9 +16,10 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from archbench.growth import medians
-from archbench.joints import EXACT, NAMES
+from archbench.joints import CORNERS, EXACT, NAMES
 from archbench.quantities import QUANTITIES
 from archbench.speed import kept_errors
+from archfrag.physics.methods.registry import AUTO
 
 INK = "#1f2933"
 GREY = "#7b8794"
@@ -26,6 +27,7 @@ PALE = "#d3dae2"
 WIDTH = 7.4  # [inch]
 DASHES = (0, (5, 3))
 COST = "CPU seconds of a run"
+DEFAULT = 1e-3  # tolerance of auto
 PERCENTS = (-80, -40, -20, -10, 0, 10, 20, 40, 80, 160, 320)
 
 
@@ -35,7 +37,7 @@ class Style(NamedTuple):
     label: str
     colour: str
     marker: str
-    stroke: Literal["-", ":"] = "-"
+    stroke: Literal["-", ":", "--", ""] = "-"
 
 
 # Ours in Okabe and Ito's colours, other solvers dotted; letter, fill and ink of cells.
@@ -173,21 +175,45 @@ def cost_chart(points: pd.DataFrame, quantity: str) -> Figure | None:
     return figure
 
 
-def overview_chart(points: pd.DataFrame, quantity: str = "amplitude") -> Figure:
-    """Cost against error over all scenes: medians of each setting that most of them have."""
+def errors_chart(points: pd.DataFrame, errors: pd.DataFrame) -> Figure:
+    """Error against cost over that of the default: of the collapse amplitude, and of theta.
+
+    Amplitudes are medians over scenes of each setting that most of them have. Beside the errors
+    of theta by steps are those of the model.
+    """
+    figure, panels = _panels(4.6, 1, 2, 2)
     kept = kept_errors(points)
-    kept = kept[kept["quantity"] == quantity]
-    figure, (axes,) = _panels(3.6)
+    kept = kept[kept["quantity"] == "amplitude"]
     enough = kept.groupby(["method", "value"])["scene"].transform("size")
     kept = kept[enough * 2 > kept["scene"].nunique()]
-    methods = _ordered(kept["method"])
+    medians_of = kept.groupby(["method", "value"], sort=False)[["seconds", "kept"]]
+    table = medians_of.median().reset_index()
+    hollow = kept.groupby(["method", "value"], sort=False)["at_floor"].all().to_numpy()
+    default = table.query("method == @AUTO and value == @DEFAULT")["seconds"].item()
+    methods = _ordered(table["method"])
     for method in methods:
-        group = kept[kept["method"] == method].groupby("value", sort=False)
-        table = group.agg({"kept": "median", "seconds": "median", "at_floor": "all"})
-        _marked(
-            axes, table["kept"], table["seconds"], table["at_floor"], style_of(method)
-        )
-    _log(axes, QUANTITIES[quantity], COST, "Medians over scenes")
+        own = (table["method"] == method).to_numpy()
+        cost = table.loc[own, "seconds"] / default
+        kept_error = 100.0 * table.loc[own, "kept"]
+        _marked(panels[0], cost, kept_error, hollow[own], style_of(method))
+    for kind, rows in errors.groupby("kind", sort=False):
+        percent = 100.0 * np.maximum(rows["error"].abs(), rows["known_to"])
+        style = style_of(str(kind))
+        below = rows["error"].abs() <= rows["known_to"]
+        _marked(panels[1], rows["cost"], percent, below, style)
+        for label, x, y in zip(rows["what"], rows["cost"], percent, strict=True):
+            panels[1].annotate(
+                label,
+                (x, y),
+                (4, 3),
+                textcoords="offset points",
+                fontsize=7.0,
+                color=style.colour,
+            )
+    words = "cost over that of auto at 1e-3"
+    _log(panels[0], words, "error (%)", "Collapse amplitude of a scene")
+    _log(panels[1], words, "", "Theta of a study")
+    panels[1].set(xlim=(0.2, 300.0), ylim=(0.3, 100.0))
     _legend(figure, methods)
     return figure
 
@@ -268,7 +294,8 @@ def joints_chart(errors: pd.DataFrame, left_out: pd.DataFrame) -> Figure:
     """What rigid joints and an inset leave out of a face, beside the errors of steps."""
     figure, panels = _panels(3.2, 1, 3, 3)
     colours = {"rigid": INK, "inset": STYLES["auto"].colour}
-    for model, colour in colours.items():
+    colours[CORNERS] = STYLES["penalty"].colour
+    for model, colour in list(colours.items())[:2]:
         percent = 100.0 * errors[f"error_{model}"]
         panels[0].plot(
             100.0 * errors["onset_loss"], percent, ".", color=colour, label=model

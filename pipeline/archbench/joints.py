@@ -57,6 +57,7 @@ SETS = 4
 LEVELS = {True: 16, False: 48}
 NAMES = {0: "shipped bridge", 9: "ring of 7 voussoirs"}
 MODELS = ("rigid", "inset", "face")
+CORNERS = "two corners"  # a face that bears at its ends alone
 BINS = (
     0.0,
     0.01,
@@ -89,6 +90,8 @@ def arch_of(number: int) -> af.Arch:
 
 def with_joints(arch: af.Arch, model: Any, stiffness: float) -> af.Arch:
     """Return the arch with joints of one of the models."""
+    if model == CORNERS:
+        return af.jointed(arch, stiffness, model="face", points=2)
     return arch if model == "rigid" else af.jointed(arch, stiffness, model=model)
 
 
@@ -192,7 +195,10 @@ def theta_of(number: int, stiffness: float, part: int, quick: bool) -> list[Row]
     """Fit theta of one arch by each model, or of rigid joints by other steps."""
     arch = arch_of(number)
     ways = (
-        {model: (with_joints(arch, model, stiffness), {}) for model in MODELS}
+        {
+            model: (with_joints(arch, model, stiffness), {})
+            for model in (*MODELS, CORNERS)
+        }
         if math.isfinite(stiffness)
         else {name: (arch, options) for name, options in STEPS.items()}
     )

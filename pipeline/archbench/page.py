@@ -21,9 +21,12 @@ from archbench.settings import available_methods
 from archbench.speed import cost_over
 from archfrag.errors import InputError
 from archfrag.files import replacing
-from archfrag.study.provenance import available_cores, strict_json
+from archfrag.physics.methods.registry import AUTO
+from archfrag.study.provenance import strict_json
+from archfrag.system import available_cores
 
 LINES = 10
+RECORDS = 30  # of the shipped study
 # Tables that charts are drawn of; what their rows are told apart by, and what is compared.
 DRAWN = {
     "speed": ["points"],
@@ -76,7 +79,6 @@ def figures_of(
         for study, curves in tables["curves"].groupby("study", sort=False):
             yield f"fragility_{study}", charts.fragility_chart(curves)
     elif part == "speed":
-        yield "speed_overview", charts.overview_chart(tables["points"])
         for quantity in QUANTITIES:
             if figure := charts.cost_chart(tables["points"], quantity):
                 yield f"speed_{quantity}", figure
@@ -91,6 +93,74 @@ def figures_of(
         yield "joints", charts.joints_chart(tables["errors"], tables["models"])
     elif part == "corner_cases":
         yield "corner_cases", charts.corner_chart(tables["runs"])
+
+
+def errors_table(
+    tables: Mapping[str, Mapping[str, pd.DataFrame]],
+) -> pd.DataFrame:
+    """Errors of ln theta by steps, programs, joints, spans and records, with their cost.
+
+    `cost` is over that of a study by default: `auto`, 30 records, one span with rigid joints.
+    `error` is a mean over arches, for steps and joints the root of that of its square; below
+    `known_to` it is not known.
+    """
+    rows = list[tuple[str, str, float, float, float]]()
+    knee = tables.get("knee", {}).get("settings")
+    if knee is not None:
+        usual = (knee["method"] == AUTO) & (knee["value"] == charts.DEFAULT)
+        unit = knee[usual].set_index("arch")["seconds"]
+        knee = knee[knee["rms"] > 0.0].assign(
+            cost=knee["seconds"] / knee["arch"].map(unit)
+        )
+        for (method, value), own in knee.groupby(["method", "value"], sort=False):
+            rows.append((str(method), f"{value:g}", *_mean_error(own)))
+    curves = tables.get("fragility", {}).get("curves")
+    if curves is not None:
+        usual = (curves["method"] == AUTO) & (curves["value"] == charts.DEFAULT)
+        unit = curves.loc[usual, "seconds"].item()
+        for method, own in curves[~curves["method"].isin(OURS)].groupby("method"):
+            best = own.iloc[-1]
+            error = best["theta_difference"], best["theta_known_to"]
+            label = charts.style_of(str(method)).label
+            rows.append((str(method), label, best["seconds"] / unit, *error))
+        sampling = curves["theta_sampling"].iloc[0]
+        for part in (1 / 3, 1.0, 10.0 / 3, 10.0):
+            words = f"{RECORDS * part:.0f} records"
+            rows.append(("records", words, part, sampling * part**-0.5, 0.0))
+    joints = tables.get("joints", {}).get("models")
+    if joints is not None:
+        joints = joints[np.isfinite(joints["stiffness"])]
+        keys = ["arch", "stiffness"]
+        rigid = joints[joints["model"] == "rigid"].set_index(keys)["seconds"]
+        cost = (
+            joints["seconds"].to_numpy() / rigid.loc[list(zip(*map(joints.get, keys)))]
+        )
+        joints = joints.assign(cost=cost.to_numpy())
+        error = joints.loc[joints["error"] != 0.0, "standard_error"].median()
+        joints.loc[joints["error"] == 0.0, "standard_error"] = error
+        for model, own in joints.groupby("model", sort=False):
+            rows.append(("joints", str(model), *_mean_error(own)))
+    spans = tables.get("spans", {}).get("theta")
+    if spans is not None:
+        unit = spans.loc[spans["spans"] == 1, "seconds"].item()
+        usual_error = spans["standard_error"].median()
+        for row in spans.to_dict("records"):
+            words = f"{row['spans']:g} of {spans['spans'].max():g} spans"
+            known = max(row["standard_error"], usual_error)
+            off = float(np.log1p(row["over_most"]))
+            rows.append(("spans", words, row["seconds"] / unit, off, known))
+    return pd.DataFrame(rows, columns=["kind", "what", "cost", "error", "known_to"])
+
+
+def _mean_error(own: pd.DataFrame) -> tuple[float, float, float]:
+    """Mean cost of some rows, root mean square of error and of standard error."""
+    squares = (own[["error", "standard_error"]] ** 2).mean() ** 0.5
+    return float(np.exp(np.log(own["cost"]).mean())), *squares
+
+
+def overview(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure:
+    """The chart of README: errors of steps, programs and models against their cost."""
+    return charts.errors_chart(tables["speed"]["points"], errors_table(tables))
 
 
 def other_points(points: pd.DataFrame) -> pd.DataFrame:
@@ -217,12 +287,17 @@ def write_page(folder: Path) -> Path:
         }
         about = strict_json(about_of(folder, part))
         sections.append((PARTS[part].title, list(drawn.items()), small, about))
+    chart = ""
+    if "points" in tables["speed"]:
+        chart = svg_of(overview(tables))
+        _write(folder / "overview.svg", chart)
     levels = tables["speed"].get("levels")
     summary = "" if levels is None else _html(summary_table(levels))
     template = Path(__file__).with_name("page.html.j2").read_text(encoding="utf-8")
     page = jinja2.Environment(autoescape=False).from_string(template)
-    known = {"sections": sections, "summary": summary, "stale": staleness(folder)}
-    _write(folder / "index.html", page.render(known))
+    known = {"sections": sections, "summary": summary, "overview": chart}
+    text = page.render(known, stale=staleness(folder))
+    _write(folder / "index.html", text)
     return folder / "index.html"
 
 

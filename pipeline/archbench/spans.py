@@ -66,12 +66,16 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     tasks = {(part,): (part, bench.quick) for part in range(SETS)}
     theta = bench.rows("spans_theta", theta_of, tasks)
     if len(theta):
-        theta = theta.groupby("model").mean().reset_index().drop(columns="set")
-        theta = theta.assign(spans=theta.pop("model").astype(int), motions="shipped")
+        theta = theta.assign(spans=theta.pop("model").astype(int))
+        theta = over_most(theta, ["set"], "theta", max(SPANS))
+        sets = theta.groupby("spans")
+        error = sets["over_most"].sem()
+        theta = sets.mean().drop(columns="set").assign(standard_error=error)
+        theta = theta.reset_index()
     return {
         "onset": over_most(onset, ["height", "width"], "onset", max(MANY)),
         "borders": over_most(borders, ["pulse"], "border", max(SPANS)),
-        "theta": over_most(theta, ["motions"], "theta", max(SPANS)),
+        "theta": theta,
     }
 
 

@@ -21,10 +21,11 @@ import pytest
 
 import archbench.page
 from archbench import runner
-from archbench.page import compare, gather, staleness, write_page
-from archbench.runner import PARTS, Bench, in_processes
+from archbench.page import compare, errors_table, gather, staleness, write_page
+from archbench.runner import PARTS, Bench, in_processes, load_tables
 from archfrag.errors import InputError
 from archfrag.physics.kernels import cache
+from archfrag.report.html import ERRORS
 
 
 def task(seconds, path=None):
@@ -186,8 +187,22 @@ def test_tables_of_the_page_name_their_kernels_and_its_chart_its_table():
         assert re.fullmatch("[0-9a-f]{40}", about["commit"])
         assert re.fullmatch("[0-9a-f]{12}|[0-9a-f]{40}", about["kernels"])
     drawn = (DATA.parents[1] / "images" / "evidence.svg").read_text()
-    points = hashlib.sha256((DATA / "speed_points.csv").read_bytes())
-    assert points.hexdigest() in drawn, "python docs/evidence/make.py draws it anew"
+    errors = Path(ERRORS).read_bytes()
+    source = hashlib.sha256((DATA / "speed_points.csv").read_bytes() + errors)
+    assert source.hexdigest() in drawn, "python docs/evidence/make.py draws it anew"
+
+
+def test_errors_of_the_report_are_those_of_the_page():
+    tables = {part: load_tables(DATA, part) for part in PARTS}
+    known = errors_table(tables).set_index(["kind", "what"])
+    shown = pd.read_csv(ERRORS, dtype={"what": str}).set_index(["kind", "what"])
+    assert {*shown.index.get_level_values(0)} == {
+        "auto",
+        "time_stepping",
+        "joints",
+        "spans",
+    }
+    pd.testing.assert_frame_equal(shown, known.loc[shown.index], rtol=6e-3)
 
 
 def test_a_quick_measurement_has_the_figures_of_the_page(tmp_path):

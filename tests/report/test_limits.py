@@ -3,10 +3,13 @@
 from itertools import product
 
 import lxml.html
+import numpy as np
+import pandas as pd
 import pytest
 
 import archfrag as af
-from archfrag.report.limits import aspects, short
+from archfrag.report.html import ERRORS
+from archfrag.report.limits import aspects, errors_of, short
 from archfrag.report.page import render
 from tests.piers import on_piers
 from tests.report import synthetic
@@ -158,3 +161,45 @@ def test_a_report_denies_nothing_that_its_arch_has(bridge):
         assert words not in page
     assert "Joint 0 is the left springing of a span, the base of a pier" in page
     assert "fill as weight, piers, ties." in page
+
+
+RING = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+
+
+@pytest.mark.parametrize(
+    ("arch", "own"),
+    [
+        (RING, ["0.001", "rigid", "1 of 3 spans"]),
+        (af.jointed(RING, 3e10), ["0.001", "inset", "1 of 3 spans"]),
+        (af.jointed(RING, 3e10, model="face"), ["0.001", "face", "1 of 3 spans"]),
+        (
+            af.jointed(RING, 3e10, model="face", points=2),
+            ["0.001", "two corners", "1 of 3 spans"],
+        ),
+        (
+            af.Bridge([RING] * 2, piers={"height": 3.0, "width": 3.0}),
+            ["0.001", "rigid"],
+        ),
+        (af.Block(0.5, 2.0, 0.7), ["0.001"]),
+    ],
+    ids=["rigid", "inset", "face", "corners", "bridge", "block"],
+)
+def test_errors_that_a_study_has_are_marked_and_cost_as_much_as_it_does(arch, own):
+    table = errors_of(synthetic.inputs(), arch, synthetic.answer_of(3.0))
+    assert table.loc[table["own"], "what"].tolist() == [*own, "6 records"]
+    assert (table.loc[table["own"], "cost"] == 1.0).all()
+    spread = np.log(1.2 / 0.8) / 2.0 / 1.6449  # as 90 % are 0.8 to 1.2 theta
+    records = table[table["kind"] == "records"]
+    np.testing.assert_allclose(
+        records["error"], spread * (records["cost"]) ** -0.5, rtol=1e-4
+    )
+
+
+def test_the_last_section_says_which_error_is_the_largest():
+    page = lxml.html.document_fromstring(render(synthetic.inputs())[0])
+    assert page.xpath("//section/@id")[-1] == "errors"
+    words = page.xpath("//section[@id='errors']")[0].text_content()
+    table = pd.read_csv(ERRORS)
+    rigid = table.query("kind == 'joints' and what == 'rigid'")["error"].item()
+    assert f"rigid joints ({100 * rigid:.2g} %)" in words
+    assert "its 6 records (" in words

@@ -16,6 +16,7 @@ from archfrag.physics.kernels.cache import use_kernel_cache
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
+ERRORS = str(_TEMPLATES / "errors.csv")  # of the page on evidence
 SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
 TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
 # where nobody else can put code: compiling takes a tenth of a second

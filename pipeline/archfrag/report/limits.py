@@ -1,20 +1,46 @@
-"""What a study models and what not, in sentences that follow from its arches."""
+"""What a study models and what not, and how large its errors are."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from statistics import NormalDist
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from archfrag.arch import Arch
 from archfrag.arch.bridge import fill_weighs
+from archfrag.fragility.curve import Curve
+from archfrag.physics.methods.registry import known_methods
 from archfrag.properties import value_of
-from archfrag.report.html import TEXTS
+from archfrag.report.html import ERRORS, TEXTS, percentages
 from archfrag.report.inputs import ReportInputs, several
+from archfrag.report.svg import (
+    BLUE,
+    GREEN,
+    INK,
+    PURPLE,
+    VERMILION,
+    Entry,
+    Sheet,
+    Words,
+    figure,
+    log_ticks,
+    panel_below,
+)
+from archfrag.simulation.arguments import default_of
 from archfrag.study.answer.curves import arch_classes
 
 _LISTED = 3  # names of arches in a sentence
+# Kinds of errors that `ERRORS` has.
+_KINDS = {
+    "auto": Entry("steps of auto, by rtol", GREEN, "dot"),
+    "time_stepping": Entry("equal steps [s]", BLUE, "dot"),
+    "joints": Entry("joints", VERMILION, "dot"),
+    "spans": Entry("spans", PURPLE, "dot"),
+}
+_MORE = np.array([1 / 3, 1.0, 3.0, 10.0])  # records over those of the study
 Given = Mapping[
     str, Sequence[Mapping[str, Any]]
 ]  # keys of the arches, by name of arch or class
@@ -105,6 +131,74 @@ def base_of(arch: Arch) -> str:
         return "the base"
     springing = "the left springing"
     return f"{springing} of a span, the base of a pier" if arch.places else springing
+
+
+def errors_of(inputs: ReportInputs, arch: Arch, answer: Curve) -> pd.DataFrame:
+    """Return known errors of theta with costs over those of the study; `own` says which it has.
+
+    Rows of `report/templates/errors.csv` on other methods, and, for what stands alone, on joints
+    and spans, are left out. The last rows are of more and fewer records: the standard error of
+    ln theta, which falls with the root of their number.
+    """
+    table = pd.read_csv(ERRORS)
+    method = inputs.config.get("method", {"name": "auto"})
+    kinds = {method["name"]} | ({*()} if arch.free_end else {"joints", "spans"})
+    table = table[table["kind"].isin(kinds)]
+    info = known_methods()[method["name"]]
+    key = "dt" if method["name"] == "time_stepping" else "rtol"
+    joints = arch.parameters.get("joints") or {"model": "rigid"}
+    corners = joints.get("points") == 2
+    chosen = {
+        method["name"]: f"{method.get(key) or default_of(info, key):g}",
+        "joints": "two corners" if corners else joints["model"],
+        "spans": "" if arch.spans[1:] else "1 of 3 spans",
+    }
+    low, high = answer.theta_interval
+    normal = NormalDist().inv_cdf(0.5 + 0.5 * answer.confidence)
+    spread = np.log(high / low) / (2.0 * normal)
+    words = [f"{n:.0f} records" for n in _MORE * inputs.cube.sizes["record"]]
+    more = pd.DataFrame({"kind": "records", "what": words, "cost": _MORE})
+    more = more.assign(error=spread * _MORE**-0.5, known_to=0.0)
+    table = pd.concat([table, more], ignore_index=True)
+    own = table["what"] == table["kind"].map(chosen | {"records": words[1]})
+    unit = table["kind"].map(table[own].set_index("kind")["cost"]).fillna(1.0)
+    return table.assign(own=own, cost=table["cost"] / unit)
+
+
+@figure
+def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
+    """Draw the rows of `errors_of`."""
+    entries = [entry for kind, entry in _KINDS.items() if kind in {*table["kind"]}]
+    entries += [Entry("records, as of this study", INK, "dash")]
+    entries += [Entry("not of this study", INK, "ring")]
+    percent = 100.0 * np.maximum(abs(table["error"]), table["known_to"])
+    low, high = 0.5 * percent.min(), 1.5 * percent.max()
+    ends = 0.7 * table["cost"].min(), 2.0 * table["cost"].max()
+    panel = panel_below(sheet, entries, 260.0, ends, (low, high), log=True)
+    panel.axis_x("cost of the runs over those of this study", grid=True)
+    panel.axis_y("error of θ [%]", ticks=log_ticks(low, high))
+    for (kind, own), rows in table.groupby(["kind", "own"], sort=False):
+        entry = _KINDS.get(str(kind), entries[-2])
+        mark = "dot" if own else "ring"
+        panel.dots(rows["cost"], percent[rows.index], entry.colour, mark, 4.0)
+        if kind == "records" and own:
+            every = table["kind"] == kind
+            panel.line(table["cost"][every], percent[every], INK, 1.0, entry.dash)
+        for x, y, words in zip(rows["cost"], percent[rows.index], rows["what"]):
+            panel.label(x, float(panel.at_y(y)) - 4.0, words, "s")
+    return "Errors of θ against their cost", TEXTS["errors"]["caption"]
+
+
+def errors_sentence(table: pd.DataFrame) -> str:
+    """Return what the errors of the study are, the largest first."""
+    own = table[table["own"]]
+    own = own.assign(error=abs(own["error"])).sort_values("error", ascending=False)
+    texts = TEXTS["errors"]
+    named = [
+        texts[kind].format(what=what, percent=percentages([error]))
+        for kind, what, error in own[["kind", "what", "error"]].values
+    ]
+    return texts["own"].format(list=", ".join(named))
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:

@@ -27,7 +27,12 @@ from archfrag.report.curve_figures import (
     hazard_and_fragility,
 )
 from archfrag.report.film import typical_run
-from archfrag.report.first_page import first_page, lead_sentence, leading_arch
+from archfrag.report.first_page import (
+    first_page,
+    lead_sentence,
+    leading,
+    leading_arch,
+)
 from archfrag.report.html import (
     SCRIPT,
     TEXTS,
@@ -51,7 +56,12 @@ from archfrag.report.inputs import (
     thetas,
     write_papers,
 )
-from archfrag.report.limits import study_aspects
+from archfrag.report.limits import (
+    errors_and_costs,
+    errors_of,
+    errors_sentence,
+    study_aspects,
+)
 from archfrag.report.sections import (
     PageSection,
     answers_table,
@@ -166,6 +176,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
             _provenance(inputs.cube.attrs),
             *appendix,
             _glossary(inputs),
+            *_errors(inputs, lead),
         ]
         first = first_page(inputs, examples[lead])
         shown = [name for name in inputs.arches if name in listed]
@@ -503,6 +514,15 @@ def _provenance(attributes: Mapping[str, Any]) -> PageSection:
     words = paragraph(_REMARKS["reproduce"].format(commit=commit))
     parts = [words, folded("Attributes of the cube", listed)]
     return PageSection("provenance", "Provenance", parts)
+
+
+def _errors(inputs: ReportInputs, lead: str) -> Iterator[PageSection]:
+    """Yield the section on errors and what it costs to reduce them, if there is a curve."""
+    answer = leading(inputs)[1]
+    if answer.fitted:
+        table = errors_of(inputs, inputs.arches[lead].arch, answer)
+        parts = [errors_and_costs(table), paragraph(errors_sentence(table))]
+        yield PageSection("errors", "Errors and their costs", parts)
 
 
 def _glossary(inputs: ReportInputs) -> PageSection:
