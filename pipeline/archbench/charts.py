@@ -19,7 +19,6 @@ from archbench.growth import medians
 from archbench.joints import CORNERS, EXACT, NAMES
 from archbench.quantities import QUANTITIES
 from archbench.speed import kept_errors
-from archfrag.physics.methods.registry import AUTO
 
 INK = "#1f2933"
 GREY = "#7b8794"
