@@ -19,6 +19,7 @@ from archbench.growth import medians
 from archbench.joints import CORNERS, EXACT, NAMES
 from archbench.quantities import QUANTITIES
 from archbench.speed import kept_errors
+from archfrag.physics.methods.registry import AUTO
 
 INK = "#1f2933"
 GREY = "#7b8794"
@@ -188,7 +189,8 @@ def errors_chart(points: pd.DataFrame, errors: pd.DataFrame) -> Figure:
     medians_of = kept.groupby(["method", "value"], sort=False)[["seconds", "kept"]]
     table = medians_of.median().reset_index()
     hollow = kept.groupby(["method", "value"], sort=False)["at_floor"].all().to_numpy()
-    default = table.query("method == @AUTO and value == @DEFAULT")["seconds"].item()
+    usual = (table["method"] == AUTO) & (table["value"] == DEFAULT)
+    default = table.loc[usual, "seconds"].item()
     methods = _ordered(table["method"])
     for method in methods:
         own = (table["method"] == method).to_numpy()

@@ -37,6 +37,7 @@ DRAWN = {
     "joints": ["errors", "models"],
     "corner_cases": ["runs"],
 }
+Error = tuple[str, str, float, float, float]
 OURS = ("auto", "time_stepping", "event_driven")
 ALIKE = {
     "speed": ("points", ["scene", "quantity", "method", "value"], "seconds"),
@@ -104,52 +105,63 @@ def errors_table(
     `error` is a mean over arches, for steps and joints the root of that of its square; below
     `known_to` it is not known.
     """
-    rows = list[tuple[str, str, float, float, float]]()
-    knee = tables.get("knee", {}).get("settings")
-    if knee is not None:
-        usual = (knee["method"] == AUTO) & (knee["value"] == charts.DEFAULT)
-        unit = knee[usual].set_index("arch")["seconds"]
-        knee = knee[knee["rms"] > 0.0].assign(
-            cost=knee["seconds"] / knee["arch"].map(unit)
-        )
-        for (method, value), own in knee.groupby(["method", "value"], sort=False):
-            rows.append((str(method), f"{value:g}", *_mean_error(own)))
-    curves = tables.get("fragility", {}).get("curves")
-    if curves is not None:
-        usual = (curves["method"] == AUTO) & (curves["value"] == charts.DEFAULT)
-        unit = curves.loc[usual, "seconds"].item()
-        for method, own in curves[~curves["method"].isin(OURS)].groupby("method"):
-            best = own.iloc[-1]
-            error = best["theta_difference"], best["theta_known_to"]
-            label = charts.style_of(str(method)).label
-            rows.append((str(method), label, best["seconds"] / unit, *error))
-        sampling = curves["theta_sampling"].iloc[0]
-        for part in (1 / 3, 1.0, 10.0 / 3, 10.0):
-            words = f"{RECORDS * part:.0f} records"
-            rows.append(("records", words, part, sampling * part**-0.5, 0.0))
-    joints = tables.get("joints", {}).get("models")
-    if joints is not None:
-        joints = joints[np.isfinite(joints["stiffness"])]
-        keys = ["arch", "stiffness"]
-        rigid = joints[joints["model"] == "rigid"].set_index(keys)["seconds"]
-        cost = (
-            joints["seconds"].to_numpy() / rigid.loc[list(zip(*map(joints.get, keys)))]
-        )
-        joints = joints.assign(cost=cost.to_numpy())
-        error = joints.loc[joints["error"] != 0.0, "standard_error"].median()
-        joints.loc[joints["error"] == 0.0, "standard_error"] = error
-        for model, own in joints.groupby("model", sort=False):
-            rows.append(("joints", str(model), *_mean_error(own)))
-    spans = tables.get("spans", {}).get("theta")
-    if spans is not None:
-        unit = spans.loc[spans["spans"] == 1, "seconds"].item()
-        usual_error = spans["standard_error"].median()
-        for row in spans.to_dict("records"):
-            words = f"{row['spans']:g} of {spans['spans'].max():g} spans"
-            known = max(row["standard_error"], usual_error)
-            off = float(np.log1p(row["over_most"]))
-            rows.append(("spans", words, row["seconds"] / unit, off, known))
+    made: dict[tuple[str, str], Callable[[pd.DataFrame], Iterator[Error]]] = {
+        ("knee", "settings"): _by_steps,
+        ("fragility", "curves"): _by_programs,
+        ("joints", "models"): _by_joints,
+        ("spans", "theta"): _by_spans,
+    }
+    rows = [
+        row
+        for (part, name), errors in made.items()
+        if name in tables.get(part, {})
+        for row in errors(tables[part][name])
+    ]
     return pd.DataFrame(rows, columns=["kind", "what", "cost", "error", "known_to"])
+
+
+def _by_steps(knee: pd.DataFrame) -> Iterator[Error]:
+    usual = (knee["method"] == AUTO) & (knee["value"] == charts.DEFAULT)
+    unit = knee["arch"].map(knee[usual].set_index("arch")["seconds"])
+    knee = knee.assign(cost=knee["seconds"] / unit)[knee["rms"] > 0.0]
+    for (method, value), own in knee.groupby(["method", "value"], sort=False):
+        yield (str(method), f"{value:g}", *_mean_error(own))
+
+
+def _by_programs(curves: pd.DataFrame) -> Iterator[Error]:
+    usual = (curves["method"] == AUTO) & (curves["value"] == charts.DEFAULT)
+    unit = curves.loc[usual, "seconds"].item()
+    for method, own in curves[~curves["method"].isin(OURS)].groupby("method"):
+        best = own.iloc[-1]
+        error = best["theta_difference"], best["theta_known_to"]
+        label = charts.style_of(str(method)).label
+        yield (str(method), label, best["seconds"] / unit, *error)
+    sampling = curves["theta_sampling"].iloc[0]
+    for part in (1 / 3, 1.0, 10.0 / 3, 10.0):
+        words = f"{RECORDS * part:.0f} records"
+        yield ("records", words, part, sampling * part**-0.5, 0.0)
+
+
+def _by_joints(models: pd.DataFrame) -> Iterator[Error]:
+    models = models[np.isfinite(models["stiffness"])]
+    keys = ["arch", "stiffness"]
+    rigid = models.loc[models["model"] == "rigid", [*keys, "seconds"]]
+    models = models.merge(rigid, "left", keys, suffixes=("", "_rigid"))
+    exact = models["error"] == 0.0
+    usual = models.loc[~exact, "standard_error"].median()
+    models["cost"] = models["seconds"] / models["seconds_rigid"]
+    models["standard_error"] = models["standard_error"].mask(exact, usual)
+    for model, own in models.groupby("model", sort=False):
+        yield ("joints", str(model), *_mean_error(own))
+
+
+def _by_spans(theta: pd.DataFrame) -> Iterator[Error]:
+    unit = theta.loc[theta["spans"] == 1, "seconds"].item()
+    known = np.maximum(theta["standard_error"], theta["standard_error"].median())
+    error = np.log1p(theta["over_most"])
+    columns = theta["spans"], theta["seconds"] / unit, error, known
+    for spans, *row in zip(*columns, strict=True):
+        yield ("spans", f"{spans:g} of {theta['spans'].max():g} spans", *row)
 
 
 def _mean_error(own: pd.DataFrame) -> tuple[float, float, float]:

@@ -26,7 +26,6 @@ from archfrag.report.svg import (
     Sheet,
     Words,
     figure,
-    log_ticks,
     panel_below,
 )
 from archfrag.simulation.arguments import default_of
@@ -40,6 +39,7 @@ _KINDS = {
     "joints": Entry("joints", VERMILION, "dot"),
     "spans": Entry("spans", PURPLE, "dot"),
 }
+_AXES = ["cost", "percent"]
 _MORE = np.array([1 / 3, 1.0, 3.0, 10.0])  # records over those of the study
 Given = Mapping[
     str, Sequence[Mapping[str, Any]]
@@ -137,55 +137,58 @@ def errors_of(inputs: ReportInputs, arch: Arch, answer: Curve) -> pd.DataFrame:
     """Return known errors of theta with costs over those of the study; `own` says which it has.
 
     Rows of `report/templates/errors.csv` on other methods, and, for what stands alone, on joints
-    and spans, are left out. The last rows are of more and fewer records: the standard error of
-    ln theta, which falls with the root of their number.
+    and spans, are left out. The last rows are of more and fewer records.
     """
     table = pd.read_csv(ERRORS)
+    own = table["kind"].map(_chosen(inputs, arch))
+    table = table.assign(own=table["what"] == own)[own.notna()]
+    table = pd.concat([table, _by_records(inputs, answer)], ignore_index=True)
+    unit = table[table["own"]].set_index("kind")["cost"]
+    return table.assign(cost=table["cost"] / table["kind"].map(unit).fillna(1.0))
+
+
+def _chosen(inputs: ReportInputs, arch: Arch) -> dict[str, str]:
+    """Return what the study has of each kind of `_KINDS` in which it may have errors."""
     method = inputs.config.get("method", {"name": "auto"})
-    kinds = {method["name"]} | ({*()} if arch.free_end else {"joints", "spans"})
-    table = table[table["kind"].isin(kinds)]
-    info = known_methods()[method["name"]]
-    key = "dt" if method["name"] == "time_stepping" else "rtol"
-    joints = arch.parameters.get("joints") or {"model": "rigid"}
-    corners = joints.get("points") == 2
-    chosen = {
-        method["name"]: f"{method.get(key) or default_of(info, key):g}",
-        "joints": "two corners" if corners else joints["model"],
-        "spans": "" if arch.spans[1:] else "1 of 3 spans",
-    }
-    low, high = answer.theta_interval
-    normal = NormalDist().inv_cdf(0.5 + 0.5 * answer.confidence)
-    spread = np.log(high / low) / (2.0 * normal)
+    name = method["name"]
+    key = "dt" if name == "time_stepping" else "rtol"
+    chosen = {name: f"{method.get(key) or default_of(known_methods()[name], key):g}"}
+    if not arch.free_end:
+        joints = arch.parameters.get("joints") or {"model": "rigid"}
+        corners = joints.get("points") == 2
+        chosen["joints"] = "two corners" if corners else joints["model"]
+        chosen["spans"] = "" if arch.spans[1:] else "1 of 3 spans"
+    return chosen
+
+
+def _by_records(inputs: ReportInputs, answer: Curve) -> pd.DataFrame:
+    """Return the standard error of ln theta, which falls with the root of the records."""
+    spread = np.log(np.divide(*answer.theta_interval[::-1]))
+    spread /= 2.0 * NormalDist().inv_cdf(0.5 + 0.5 * answer.confidence)
     words = [f"{n:.0f} records" for n in _MORE * inputs.cube.sizes["record"]]
-    more = pd.DataFrame({"kind": "records", "what": words, "cost": _MORE})
-    more = more.assign(error=spread * _MORE**-0.5, known_to=0.0)
-    table = pd.concat([table, more], ignore_index=True)
-    own = table["what"] == table["kind"].map(chosen | {"records": words[1]})
-    unit = table["kind"].map(table[own].set_index("kind")["cost"]).fillna(1.0)
-    return table.assign(own=own, cost=table["cost"] / unit)
+    table = pd.DataFrame({"kind": "records", "what": words, "cost": _MORE})
+    own = _MORE == 1.0
+    return table.assign(error=spread * _MORE**-0.5, known_to=0.0, own=own)
 
 
 @figure
 def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
     """Draw the rows of `errors_of`."""
     entries = [entry for kind, entry in _KINDS.items() if kind in {*table["kind"]}]
-    entries += [Entry("records, as of this study", INK, "dash")]
-    entries += [Entry("not of this study", INK, "ring")]
-    percent = 100.0 * np.maximum(abs(table["error"]), table["known_to"])
-    low, high = 0.5 * percent.min(), 1.5 * percent.max()
-    ends = 0.7 * table["cost"].min(), 2.0 * table["cost"].max()
-    panel = panel_below(sheet, entries, 260.0, ends, (low, high), log=True)
+    records = Entry("records, as of this study", INK, "dash")
+    entries += [records, Entry("not of this study", INK, "ring")]
+    table["percent"] = 100.0 * np.maximum(abs(table["error"]), table["known_to"])
+    ends = [(0.6 * table[name].min(), 2.0 * table[name].max()) for name in _AXES]
+    panel = panel_below(sheet, entries, 260.0, *ends, log=True)
     panel.axis_x("cost of the runs over those of this study", grid=True)
-    panel.axis_y("error of θ [%]", ticks=log_ticks(low, high))
-    for (kind, own), rows in table.groupby(["kind", "own"], sort=False):
-        entry = _KINDS.get(str(kind), entries[-2])
-        mark = "dot" if own else "ring"
-        panel.dots(rows["cost"], percent[rows.index], entry.colour, mark, 4.0)
-        if kind == "records" and own:
-            every = table["kind"] == kind
-            panel.line(table["cost"][every], percent[every], INK, 1.0, entry.dash)
-        for x, y, words in zip(rows["cost"], percent[rows.index], rows["what"]):
-            panel.label(x, float(panel.at_y(y)) - 4.0, words, "s")
+    panel.axis_y("error of θ [%]")
+    line = table.loc[table["kind"] == "records", _AXES]
+    panel.line(*line.values.T, INK, 1.0, records.dash)
+    for row in table.to_dict("records"):
+        x, y = row["cost"], row["percent"]
+        colour = _KINDS.get(row["kind"], records).colour
+        panel.dots([x], [y], colour, "dot" if row["own"] else "ring", 4.0)
+        panel.label(x, float(panel.at_y(y)) - 4.0, row["what"], "s")
     return "Errors of θ against their cost", TEXTS["errors"]["caption"]
 
 
