@@ -183,7 +183,7 @@ def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
     panel.axis_x("cost of the runs over those of this study", grid=True)
     panel.axis_y("error of θ [%]")
     line = table.loc[table["kind"] == "records", _AXES]
-    panel.line(*line.values.T, INK, 1.0, records.dash)
+    panel.line(line["cost"], line["percent"], INK, 1.0, records.dash)
     for row in table.to_dict("records"):
         x, y = row["cost"], row["percent"]
         colour = _KINDS.get(row["kind"], records).colour
