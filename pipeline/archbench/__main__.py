@@ -23,7 +23,18 @@ from archfrag.errors import ArchfragError
     type=click.IntRange(min=1),
     help="Number of cores to use; all by default.",
 )
-def main(parts: tuple[str, ...], output: Path | None, workers: int | None) -> None:
+@click.option(
+    "--hours",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Time that all parts may take, 4 by default, and 1/3 with quick; each part "
+    "has its share of it.",
+)
+def main(
+    parts: tuple[str, ...],
+    output: Path | None,
+    workers: int | None,
+    hours: float | None,
+) -> None:
     """Measure cost against error.
 
     Makes tables, charts and a page, with all other solvers that are installed. PART is all, or
@@ -32,8 +43,11 @@ def main(parts: tuple[str, ...], output: Path | None, workers: int | None) -> No
     """
     from archbench.page import gather
 
+    def say(line: str) -> None:
+        click.echo(line, err=True)
+
     try:
-        page = gather(parts, output, workers, lambda line: click.echo(line, err=True))
+        page = gather(parts, output, workers, say, hours)
     except ArchfragError as error:
         click.echo(f"archbench: error: {error}", err=True)
         raise SystemExit(error.exit_code) from None

@@ -26,6 +26,7 @@ from archfrag.study.provenance import strict_json
 from archfrag.system import available_cores
 
 LINES = 10
+HOURS = 4.0  # of all parts
 RECORDS = 30  # of the shipped study
 # Tables that charts are drawn of; what their rows are told apart by, and what is compared.
 DRAWN = {
@@ -337,12 +338,13 @@ def gather(
     output: Path | None = None,
     workers: int | None = None,
     report: Callable[[str], None] = print,
+    hours: float | None = None,
 ) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
     `parts` are of `PARTS`; "all" of them, or "quick" for the reduced set of those that are named,
     or of all. A part whose tables in `output` are of the same sources is left as it is. All
-    solvers that are installed take part.
+    solvers that are installed take part. `hours` are those that all parts may take.
     """
     quick = "quick" in parts
     named = [name for name in parts if name not in ("all", "quick")]
@@ -365,8 +367,9 @@ def gather(
         workers=workers or available_cores(),
         report=report,
     )
+    share = hours / HOURS if hours else QUICK if quick else 1.0
     for part in PARTS if "all" in parts or not named else named:
-        seconds = 60.0 * PARTS[part].minutes * (QUICK if quick else 1.0)
+        seconds = 60.0 * PARTS[part].minutes * share
         began = time.monotonic()
         own = replace(
             bench, part=part, until=began + seconds, seconds=seconds, left_out=[]
