@@ -20,7 +20,7 @@ import psutil
 import pytest
 
 import archbench.page
-from archbench import runner
+from archbench import growth, runner
 from archbench.page import compare, errors_table, gather, staleness, write_page
 from archbench.runner import PARTS, Bench, in_processes, load_tables
 from archfrag.errors import InputError
@@ -176,6 +176,18 @@ def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="no part 'sped'; allowed are all, quick, sp"):
         gather(["sped"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("parts", "hours", "minutes"), [(["growth"], 1.0, 3.75), (["growth"], None, 15.0)]
+)
+def test_a_part_has_its_share_of_the_hours(
+    parts, hours, minutes, tmp_path, monkeypatch
+):
+    given = []
+    monkeypatch.setattr(growth, "measure", lambda bench: given.append(bench) or {})
+    gather(parts, tmp_path, 1, hours=hours)
+    assert [bench.seconds for bench in given] == [60.0 * minutes]
 
 
 DATA = Path(__file__).parents[2] / "docs" / "evidence" / "data"
