@@ -12,6 +12,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
+    "README.md",
+    "docs/index.md",
+    "docs/limits.md",
+    "docs/howto/cluster.md",
     "docs/computed.md",
     "docs/alternatives.md",
     "docs/reference/command_line.md",
@@ -23,9 +27,10 @@ BLOCKS = r"\A---\n.*?\n---$|^ *(```+|~~~+).*?^ *\1$|^ *\d+\. "
 NO_FIGURES = (
     r"`[^`]*`|\]\([^)]*\)|\$[^$]*\$|https?://\S+",  # code, links, formulas
     r"(?<![\d,.])(?:19|20)\d\d(?:-\d\d)*(?![\d.,]\d)",  # years
-    r"v?\d+\.\d+\.\d+\S*|\b[A-Z]\w+ \d+\.\d+(?:,? (?:and|to|or) \d+\.\d+)*",  # versions
+    r"v?\d+\.\d+\.\d+\S*|\b(?:[A-Z]\w+ \d+\.|Wine |macOS )\d+",  # versions
+    r"(?<=xxx) (?:and|to|or) \d\.\d+",  # versions that follow
     r"\((?:\d+\.)?\d+\)|\b(?i:equation|section|figure|table|chapter|step)s? \(?\d[\d.]*",
-    r"90 %(?= (?:band|interval|\())",  # how sure, not how much
+    r"90 %(?=:| band| interval| \()",  # how sure, not how much
     r"(?<![\w,.-])\d(?![\de]|[.,]\d| ?(?:%|[µmk]?[msg]\b|[MG]B|Hz|min|Pa|·|times))",  # counts
 )
 POWERS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
