@@ -13,14 +13,22 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = [
     "README.md",
+    "docs/alternatives.md",
+    "docs/computed.md",
+    "docs/deprecation.md",
+    "docs/howto/cluster.md",
     "docs/index.md",
     "docs/limits.md",
-    "docs/howto/cluster.md",
-    "docs/computed.md",
-    "docs/alternatives.md",
+    "docs/questions.md",
     "docs/reference/command_line.md",
     "docs/reference/index.md",
     "docs/reference/python.md",
+    "docs/reference/results.md",
+    "docs/study_file.md",
+    "docs/tutorial.md",
+    "docs/validation.md",
+    "docs/worked_study_bridge.md",
+    "docs/worked_study_viaduct.md",
     "docs/write_up.md",
 ]
 BLOCKS = r"\A---\n.*?\n---$|^ *(```+|~~~+).*?^ *\1$|^ *\d+\. "
@@ -30,6 +38,7 @@ NO_FIGURES = (
     r"v?\d+\.\d+\.\d+\S*|\b(?:[A-Z]\w+ \d+\.|Wine |macOS )\d+",  # versions
     r"(?<=xxx) (?:and|to|or) \d\.\d+",  # versions that follow
     r"\((?:\d+\.)?\d+\)|\b(?i:equation|section|figure|table|chapter|step)s? \(?\d[\d.]*",
+    r"\*[^*|]+\*[\dx(), –]+",  # journals, with volume and pages
     r"90 %(?=:| band| interval| \()",  # how sure, not how much
     r"(?<![\w,.-])\d(?![\de]|[.,]\d| ?(?:%|[µmk]?[msg]\b|[MG]B|Hz|min|Pa|·|times))",  # counts
 )
