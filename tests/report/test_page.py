@@ -348,6 +348,7 @@ class TestClass:
             "Provenance",
             "Appendix: arches of classes",
             "Terms and limits",
+            "Errors and their costs",
         ]
         folded = section(page, "members").xpath("./details")
         assert [text(each.find("summary")) for each in folded] == [
@@ -466,7 +467,7 @@ class TestOffline:
 
     def test_figures_and_tables_have_a_text_alternative(self, page):
         pictures = page.xpath('//svg[not(@aria-hidden="true")]')
-        assert len(pictures) == 8 + 1
+        assert len(pictures) == 9 + 1
         assert all(
             p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures
         )
