@@ -200,13 +200,17 @@ def errors_chart(points: pd.DataFrame, errors: pd.DataFrame) -> Figure:
     for kind, rows in errors.groupby("kind", sort=False):
         percent = 100.0 * np.maximum(rows["error"].abs(), rows["known_to"])
         style = style_of(str(kind))
-        below = rows["error"].abs() <= rows["known_to"]
-        _marked(panels[1], rows["cost"], percent, below, style)
-        for label, x, y in zip(rows["what"], rows["cost"], percent, strict=True):
+        unknown = rows["error"].abs() <= rows["known_to"]
+        _marked(panels[1], rows["cost"], percent, unknown, style)
+        below = kind == AUTO  # else labels stand on each other
+        shown = rows.assign(percent=percent)[["what", "cost", "percent"]]
+        shown = shown.iloc[:: 3 if kind == "records" else 1]
+        for label, x, y in shown.itertuples(index=False):
             panels[1].annotate(
                 label,
                 (x, y),
-                (4, 3),
+                (-4, -9) if below else (4, 3),
+                ha="right" if below else "left",
                 textcoords="offset points",
                 fontsize=7.0,
                 color=style.colour,
