@@ -14,9 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md"]
 PAGES += sorted(
-    path.relative_to(ROOT).as_posix()
-    for path in (ROOT / "docs").rglob("*.md")
-    if path.name != "evidence.md"
+    path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md")
 )
 BLOCKS = r"\A---\n.*?\n---$|^ *(```+|~~~+).*?^ *\1$|^ *\d+\. "
 NO_FIGURES = (
