@@ -167,8 +167,8 @@ def _by_records(inputs: ReportInputs, answer: Curve) -> pd.DataFrame:
     spread /= 2.0 * NormalDist().inv_cdf(0.5 + 0.5 * answer.confidence)
     words = [f"{n:.0f} records" for n in _MORE * inputs.cube.sizes["record"]]
     table = pd.DataFrame({"kind": "records", "what": words, "cost": _MORE})
-    own = _MORE == 1.0
-    return table.assign(error=spread * _MORE**-0.5, known_to=0.0, own=own)
+    table["own"] = _MORE == 1.0
+    return table.assign(error=spread * _MORE**-0.5, known_to=0.0)
 
 
 @figure
@@ -186,9 +186,11 @@ def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
     panel.line(line["cost"], line["percent"], INK, 1.0, records.dash)
     for row in table.to_dict("records"):
         x, y = row["cost"], row["percent"]
-        colour = _KINDS.get(row["kind"], records).colour
-        panel.dots([x], [y], colour, "dot" if row["own"] else "ring", 4.0)
-        panel.label(x, float(panel.at_y(y)) - 4.0, row["what"], "s")
+        mark = "dot" if row["own"] else "ring"
+        panel.dots([x], [y], _KINDS.get(row["kind"], records).colour, mark, 4.0)
+        lower = row["kind"] == "records"  # so that labels do not overlap
+        height = float(panel.at_y(y)) + (12.0 if lower else -4.0)
+        panel.label(x, height, row["what"], "s", left=lower)
     return "Errors of θ against their cost", TEXTS["errors"]["caption"]
 
 
@@ -197,10 +199,10 @@ def errors_sentence(table: pd.DataFrame) -> str:
     own = table[table["own"]]
     own = own.assign(error=abs(own["error"])).sort_values("error", ascending=False)
     texts = TEXTS["errors"]
-    named = [
-        texts[kind].format(what=what, percent=percentages([error]))
-        for kind, what, error in own[["kind", "what", "error"]].values
-    ]
+    named = (
+        texts[row["kind"]].format_map(row | {"percent": percentages([row["error"]])})
+        for row in own.to_dict("records")
+    )
     return texts["own"].format(list=", ".join(named))
 
 
