@@ -27,9 +27,7 @@ def content() -> str:
             page = top == "docs" and path.suffix in (".md", ".css")
             made = path.suffix == ".pyc" or ".egg-info" in str(path)
             if path.is_file() and not page and not made:
-                digest.update(
-                    str(path.relative_to(HERE.parent)).encode() + path.read_bytes()
-                )
+                digest.update(str(path.relative_to(HERE.parent)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -44,9 +42,7 @@ for other in KEPT.parent.glob("*"):
 get_cache(KEPT).list_cache_records()  # makes its database before two processes do
 sys.path.insert(0, str(HERE / "extensions"))
 # Cells call `archfrag` as a person would; it stands beside the interpreter that builds.
-os.environ["PATH"] = os.pathsep.join(
-    [str(Path(sys.executable).parent), os.environ["PATH"]]
-)
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ["ARCHFRAG_DOCS"] = str(HERE)
 os.environ["ARCHFRAG_KEPT"] = str(KEPT)
 os.environ["PYTHONPATH"] = os.pathsep.join(

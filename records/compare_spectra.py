@@ -43,29 +43,16 @@ def beside(entry, model, periods):
 
 def ratios_of_suite(entries):
     """ln of Sa over each model's median by model and id, (n_period,)."""
-    spectra = {
-        e.id: np.log(spectral_acceleration(load_motion(e), PERIODS)) for e in entries
-    }
-    return {
-        m: {e.id: spectra[e.id] - beside(e, m, PERIODS) for e in entries}
-        for m in MODELS
-    }
+    spectra = {e.id: np.log(spectral_acceleration(load_motion(e), PERIODS)) for e in entries}
+    return {m: {e.id: spectra[e.id] - beside(e, m, PERIODS) for e in entries} for m in MODELS}
 
 
 def table(first, count, rows):
     """Markdown of a label, a number and, for each model, the ratios at `PERIODS`."""
-    titles = [
-        first,
-        count,
-        *(f"{model} {period:g} s" for model in MODELS for period in PERIODS),
-    ]
+    titles = [first, count, *(f"{model} {period:g} s" for model in MODELS for period in PERIODS)]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     for label, number, ratios in rows:
-        cells = [
-            label,
-            str(number),
-            *(f"{np.exp(r):.2f}" for row in ratios for r in row),
-        ]
+        cells = [label, str(number), *(f"{np.exp(r):.2f}" for row in ratios for r in row)]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -81,9 +68,7 @@ def suite_table(entries, ratios):
         ]  # fmt: skip
         label = f"M {low:g}" if low == high else f"M {low:g}–{high:g}"
         reach = f"≤ {far:g} km" if near == 0.0 else f"{near:g}–{far:g} km"
-        means = [
-            np.mean([ratios[model][id] for id in inside], axis=0) for model in MODELS
-        ]
+        means = [np.mean([ratios[model][id] for id in inside], axis=0) for model in MODELS]
         rows.append(("all" if far == 1e3 else f"{label}, {reach}", len(inside), means))
     return table("shipped motions", "motions", rows)
 
@@ -93,15 +78,10 @@ def method_table():
     rows = []
     for magnitude, distance in SCENARIOS:
         made = (
-            make_motion(Recipe(magnitude, distance, seed, vary=False))
-            for seed in range(SEEDS)
+            make_motion(Recipe(magnitude, distance, seed, vary=False)) for seed in range(SEEDS)
         )
-        median = np.mean(
-            [np.log(spectral_acceleration(each, PERIODS)) for each in made], axis=0
-        )
-        means = [
-            median - predicted(m, magnitude, distance, VS30, PERIODS)[0] for m in MODELS
-        ]
+        median = np.mean([np.log(spectral_acceleration(each, PERIODS)) for each in made], axis=0)
+        means = [median - predicted(m, magnitude, distance, VS30, PERIODS)[0] for m in MODELS]
         rows.append((f"M {magnitude:g}, {distance:g} km", SEEDS, means))
     return table("method, many seeds", "seeds", rows)
 
@@ -111,25 +91,15 @@ def draw_spectra(entries):
     grid = np.geomspace(0.05, 3.0, 40)
     magnitudes = sorted({entry.metadata["Mw"] for entry in entries})
     figure = Figure(figsize=(12, 3.2), layout="tight")
-    for axis, magnitude in zip(
-        figure.subplots(1, len(magnitudes), sharey=True), magnitudes
-    ):
+    for axis, magnitude in zip(figure.subplots(1, len(magnitudes), sharey=True), magnitudes):
         group = [entry for entry in entries if entry.metadata["Mw"] == magnitude]
         for number, entry in enumerate(group):
-            colour = matplotlib.colormaps["viridis"](
-                0.9 * number / max(len(group) - 1, 1)
-            )
+            colour = matplotlib.colormaps["viridis"](0.9 * number / max(len(group) - 1, 1))
             reach = f"{entry.metadata['distance_km']:g} km"
             spectrum = spectral_acceleration(load_motion(entry), grid)
             axis.loglog(grid, spectrum, color=colour, lw=1.0, label=reach)
             for model, style in zip(MODELS, ("--", ":", "-.")):
-                axis.loglog(
-                    grid,
-                    np.exp(beside(entry, model, grid)),
-                    style,
-                    color=colour,
-                    lw=0.8,
-                )
+                axis.loglog(grid, np.exp(beside(entry, model, grid)), style, color=colour, lw=0.8)
         axis.set(title=f"M {magnitude:g}", xlabel="period [s]")
         axis.legend(fontsize=6, loc="lower left")
         axis.grid(True, which="major", lw=0.3)
@@ -149,9 +119,7 @@ def draw_scatter(entries):
     made = [spectral_acceleration(make_motion(recipe), grid) for recipe in recipes]
     figure = Figure(figsize=(5, 3.2), layout="tight")
     axis = figure.subplots()
-    axis.semilogx(
-        grid, np.std(shipped, axis=0, ddof=1), "o-", ms=3, label="shipped motions"
-    )
+    axis.semilogx(grid, np.std(shipped, axis=0, ddof=1), "o-", ms=3, label="shipped motions")
     deviation = np.log(made).std(axis=0, ddof=1)
     axis.semilogx(grid, deviation, "k-", label="method, M 6.5, 20 km")
     for model, style in zip((*MODELS, "CB14"), ("--", ":", "-.", (0, (1, 4)))):
@@ -169,13 +137,10 @@ def main():
     ratios = ratios_of_suite(entries)
     with open(FOLDER / "spectra.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["id", "model", *(f"ratio_Sa_{period:g}s" for period in PERIODS)]
-        )
+        writer.writerow(["id", "model", *(f"ratio_Sa_{period:g}s" for period in PERIODS)])
         for model, rows in ratios.items():
             writer.writerows(
-                [id, model, *(f"{r:.3f}" for r in np.exp(row))]
-                for id, row in rows.items()
+                [id, model, *(f"{r:.3f}" for r in np.exp(row))] for id, row in rows.items()
             )
     with matplotlib.rc_context({"svg.hashsalt": "archfrag", "font.size": 8}):
         draw_spectra(entries)

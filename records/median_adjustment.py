@@ -17,14 +17,7 @@ from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.target import Rupture, predict
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)
-DISTANCES = (
-    5.0,
-    10.0,
-    20.0,
-    50.0,
-    100.0,
-    200.0,
-)  # nearer, the top of small ruptures is not
+DISTANCES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # nearer, the top of small ruptures is not
 FREQUENCIES = np.array([0.2, 1 / 3, 0.5, 1.0, 2.0, 10 / 3, 5.0, 10.0])
 MODELS = ("CY14", "ASK14")
 SEEDS, ROUNDS = 100, 4
@@ -50,9 +43,7 @@ def adjusted(magnitude: float, distance: float) -> np.ndarray:
         with mock.patch.object(amplitude, "median_adjustment", factor):
             made = [make_motion(Recipe(magnitude, distance, seed, vary=False))
                     for seed in range(SEEDS)]  # fmt: skip
-        found = np.log([spectral_acceleration(each, periods) for each in made]).mean(
-            axis=0
-        )
+        found = np.log([spectral_acceleration(each, periods) for each in made]).mean(axis=0)
         logarithm = logarithm + target - found
     return logarithm
 
@@ -65,9 +56,7 @@ def main() -> None:
     names = ",".join(f"{f:.6g}" for f in FREQUENCIES)
     lines = [f"magnitude,distance_km,{names}"]
     for (magnitude, distance), row in zip(scenarios, rows, strict=True):
-        lines.append(
-            f"{magnitude:g},{distance:g},{','.join(f'{value:.3f}' for value in row)}"
-        )
+        lines.append(f"{magnitude:g},{distance:g},{','.join(f'{value:.3f}' for value in row)}")
     table = Path(amplitude.__file__).with_name("adjustment.csv")
     table.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8")
 

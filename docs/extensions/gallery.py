@@ -26,22 +26,16 @@ def offer_notebook(app: Sphinx, doctree: nodes.document) -> None:
     if not name.startswith("gallery/") or name == INDEX:
         return
     path = Path(app.env.mystnb_config.output_folder, f"{name}.ipynb")
-    notebook = nbformat.read(
-        path, as_version=4
-    )  # without outputs if the page was not run anew
+    notebook = nbformat.read(path, as_version=4)  # without outputs if the page was not run anew
     with contextlib.suppress(KeyError):  # a page that failed has none
         cache = get_cache(app.config.nb_execution_cache_path)
         _, notebook = cache.merge_match_into_notebook(notebook)
-    shown = [
-        one for one in notebook.cells if HIDDEN.isdisjoint(one.metadata.get("tags", []))
-    ]
+    shown = [one for one in notebook.cells if HIDDEN.isdisjoint(one.metadata.get("tags", []))]
     for cell in shown:
         if cell.cell_type == "markdown":
             cell.source = LINK.sub(r"\1", cell.source)
         for output in cell.get("outputs", []):
-            if "image/png" in output.get(
-                "data", {}
-            ):  # the SVG needs the site's style sheet
+            if "image/png" in output.get("data", {}):  # the SVG needs the site's style sheet
                 output.data.pop("text/html", None)
     notebook.cells = shown
     nbformat.write(notebook, path)
@@ -58,9 +52,7 @@ def card(app: Sphinx, name: str) -> str:
     figure = re.search(r"<svg.*?</svg>", outputs, re.DOTALL)
     if figure is None:
         raise LookupError(f"{name}: no figure for the gallery")
-    question = next(
-        one for one in tree.findall(nodes.paragraph) if "Download" not in one.astext()
-    )
+    question = next(one for one in tree.findall(nodes.paragraph) if "Download" not in one.astext())
     return (
         f'<a class="card" href="{app.builder.get_relative_uri(INDEX, name)}">'
         f'<span aria-hidden="true">{figure[0]}</span>'
@@ -77,8 +69,6 @@ def hang(app: Sphinx, doctree: nodes.document, name: str) -> None:
 
 
 def setup(app: Sphinx) -> dict:
-    app.connect(
-        "doctree-read", offer_notebook, priority=100
-    )  # before downloads are collected
+    app.connect("doctree-read", offer_notebook, priority=100)  # before downloads are collected
     app.connect("doctree-resolved", hang)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -24,9 +24,7 @@ STYLE = {
     "legend.fontsize": 8.0, "grid.color": PALE, "grid.linewidth": 0.5, "lines.linewidth": 1.5,
     "figure.figsize": (WIDTH, 3.4), "svg.fonttype": "none", "svg.hashsalt": "archfrag",
 }  # fmt: skip
-COLOUR = re.compile(
-    r"#[0-9a-fA-F]{6}\b|#[0-9a-fA-F]{3}\b|(?<=[:\"' ])(?:white|black)(?=[;\"'])"
-)
+COLOUR = re.compile(r"#[0-9a-fA-F]{6}\b|#[0-9a-fA-F]{3}\b|(?<=[:\"' ])(?:white|black)(?=[;\"'])")
 NAMES = {"white": "#ffffff", "black": "#000000"}
 
 
@@ -48,9 +46,7 @@ def dark(colour: str) -> str:
 
 def themed(svg: str) -> str:
     """An SVG for a page: without a ground of its own, each colour one of a light and a dark."""
-    svg = re.sub(
-        r"<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>", "", svg, flags=re.DOTALL
-    )
+    svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = svg.replace('<rect width="100%" height="100%" fill="white"/>', "")
 
     def pair(found: re.Match) -> str:
@@ -68,9 +64,7 @@ def svg_of(figure: Figure) -> str:
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(held, format="svg", transparent=True, metadata=nothing)
     width = f'<svg style="max-width:{99 * figure.get_figwidth():.0f}px" '
-    return re.sub(
-        r'<svg (?:width|height)="\S+" |<svg ', width, held.getvalue(), count=1
-    )
+    return re.sub(r'<svg (?:width|height)="\S+" |<svg ', width, held.getvalue(), count=1)
 
 
 def picture(svg: str, caption: str = "", words: str = "") -> HTML:

@@ -36,9 +36,7 @@ def inline(writer, node: nodes.math) -> None:
 
 def block(writer, node: nodes.math_block) -> None:
     """A formula on a line of its own, with its number."""
-    latex = NUMBERED.sub(r"{\1ed}", node.astext().strip()).replace(
-        "{split}", "{aligned}"
-    )
+    latex = NUMBERED.sub(r"{\1ed}", node.astext().strip()).replace("{split}", "{aligned}")
     tags = TAG.findall(latex)
     latex = TAG.sub("", latex)
     if r"\\" in latex and r"\begin" not in latex:

@@ -12,12 +12,7 @@ from sphinx.application import Sphinx
 
 MARK = re.compile(r"<!-- keys: (.+?) -->")
 
-WORDS = {
-    "number": "number",
-    "integer": "integer",
-    "string": "text",
-    "boolean": "true, false",
-}
+WORDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "true, false"}
 # Keys that come first; all others follow in the order of the model.
 FIRST = {
     "StudyKeys": "id title arches motions intensity design report risk output method limit_states",
@@ -25,12 +20,7 @@ FIRST = {
     "density dead_load recess vary",
     "Motions": "files index",
 }
-BOUNDS = {
-    "minimum": "≥",
-    "exclusiveMinimum": ">",
-    "maximum": "≤",
-    "exclusiveMaximum": "<",
-}
+BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 
 
 def anchor(name: str) -> str:
@@ -49,9 +39,7 @@ def values(schema: dict) -> str:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     for several in ("oneOf", "anyOf"):
         if several in schema:
-            parts = [
-                values(one) for one in schema[several] if one.get("type") != "null"
-            ]
+            parts = [values(one) for one in schema[several] if one.get("type") != "null"]
             return " or ".join(dict.fromkeys(parts))
     kind = schema.get("type")
     if kind == "array":
@@ -91,19 +79,13 @@ def ordered(name: str, keys: Iterable[str]) -> list[str]:
 
     model = StudyKeys.model_json_schema()
     name = {"study": "StudyKeys"}.get(name, name)
-    declared = [
-        *FIRST.get(name, "").split(),
-        *model["$defs"].get(name, model)["properties"],
-    ]
+    declared = [*FIRST.get(name, "").split(), *model["$defs"].get(name, model)["properties"]]
     return sorted(keys, key=declared.index)
 
 
 def table(schema: dict, name: str, one: dict) -> list[str]:
     """Lines of a table of all keys of one definition."""
-    required, lines = (
-        one.get("required", []),
-        ["| key | values | if not given | meaning |"],
-    )
+    required, lines = one.get("required", []), ["| key | values | if not given | meaning |"]
     lines.append("|---|---|---|---|")
     for key in ordered(name, one["properties"]):
         held = one["properties"][key]

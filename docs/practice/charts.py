@@ -58,9 +58,7 @@ def resistance() -> HTML:
     axes.annotate("onset: it begins to rock", (0.0, np.tan(angle)), (10, 2),
                   textcoords="offset points", color=VERMILION)  # fmt: skip
     axes.plot([100.0], [0.0], "o", color=INK)
-    axes.annotate(
-        "it falls by itself", (100.0, 0.0), (6, 8), textcoords="offset points"
-    )
+    axes.annotate("it falls by itself", (100.0, 0.0), (6, 8), textcoords="offset points")
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.set(xlabel="rotation (% of that at which it falls by itself)",
              ylabel="steady acceleration it resists (g)")  # fmt: skip
@@ -79,9 +77,7 @@ def rocking(peak: float = 0.4) -> HTML:
     figure, axes = _axes(2.8)
     axes.plot(time, angle, color=BLUE)
     axes.axhline(0.0, color=GREY, lw=0.7)
-    axes.set(
-        xlabel="time (s)", ylabel="rotation (degrees)", xlim=(0.0, min(time[-1], 8.0))
-    )
+    axes.set(xlabel="time (s)", ylabel="rotation (degrees)", xlim=(0.0, min(time[-1], 8.0)))
     return look.picture(
         look.svg_of(figure),
         f"A block of 0.6 by 3.0 m after one sine pulse of 0.5 s and {peak:g} g. At each "
@@ -97,17 +93,13 @@ def short_pulses() -> HTML:
     figure, axes = _axes()
     axes.plot(durations, ratio, color=VERMILION, marker="o", ms=4.5)
     axes.axhline(1.0, color=INK, ls="--", lw=0.9)
-    axes.annotate(
-        f"onset, {onset:.2g} g", (durations[0], 1.0), (0, 4), textcoords="offset points"
-    )
+    axes.annotate(f"onset, {onset:.2g} g", (durations[0], 1.0), (0, 4), textcoords="offset points")
     axes.set(xscale="log", xlabel="duration of the pulse (s)", ylim=(0.0, None),
              ylabel="least peak that causes collapse / onset")  # fmt: skip
     axes.set_xticks(durations, [f"{each:g}" for each in durations])
     axes.minorticks_off()
     known = np.isfinite(ratio)
-    words = (
-        f"from {ratio[known][0]:.1f} times the onset to {ratio[known][-1]:.1f} times"
-    )
+    words = f"from {ratio[known][0]:.1f} times the onset to {ratio[known][-1]:.1f} times"
     return look.picture(
         look.svg_of(figure),
         f"The arch of the shipped study under one period of a sine: {words}, as the "
@@ -169,9 +161,7 @@ def densities() -> HTML:
     return table(pd.DataFrame(rows, columns=names))
 
 
-def filled(
-    height: float = 0.5, unit_weight: float = 18e3
-) -> tuple[af.Arch, list[float]]:
+def filled(height: float = 0.5, unit_weight: float = 18e3) -> tuple[af.Arch, list[float]]:
     """The shipped arch with the weight of a level fill [N/m3] on its back; loads [N]."""
     bare = shipped(joints=None)  # contact points at the very edges
     back = bare.extrados
@@ -197,16 +187,12 @@ def stresses(strengths: Sequence[float] = (1.0, 2.0, 5.0, 10.0)) -> HTML:
     """Depth of a joint that a hinge would crush, for strengths in MPa."""
     arch = shipped()
     peak = 1.5 * af.onset(arch).plus
-    reaction = af.simulate(
-        arch, pulse(0.5), scale=peak, history=True
-    ).history.reaction.values
+    reaction = af.simulate(arch, pulse(0.5), scale=peak, history=True).history.reaction.values
     depth = arch.parameters["depth"]
     joint = ENTRY.thickness
     force = float(np.linalg.norm(reaction[0], axis=-1).max())
     crushed = [force / (1e6 * each * depth) for each in strengths]
-    rows = [
-        (f"{each:g}", 1e3 * c, 100.0 * c / joint) for each, c in zip(strengths, crushed)
-    ]
+    rows = [(f"{each:g}", 1e3 * c, 100.0 * c / joint) for each, c in zip(strengths, crushed)]
     names = ["strength [MPa]", "crushed depth at a hinge [mm]", "of the joint [%]"]
     return HTML(
         f"<p>At rest the largest joint force of the shipped arch is {force / 1e3:.0f} kN per "
@@ -222,15 +208,11 @@ def measures(results: Path) -> HTML:
     rows = sorted(found["rows"], key=lambda row: row["efficiency"])
     figure, axes = _axes(0.8 + 0.21 * len(rows))
     colours = [VERMILION if row["measure"] == found["own"] else BLUE for row in rows]
-    axes.barh(
-        range(len(rows)), [row["efficiency"] for row in rows], color=colours, height=0.7
-    )
+    axes.barh(range(len(rows)), [row["efficiency"] for row in rows], color=colours, height=0.7)
     axes.set_yticks(range(len(rows)), [row["measure"] for row in rows])
     axes.tick_params(axis="y", length=0.0)
     axes.grid(False, axis="y")
-    axes.set_xlabel(
-        "dispersion of capacity, as a factor on the motion (smaller is better)"
-    )
+    axes.set_xlabel("dispersion of capacity, as a factor on the motion (smaller is better)")
     axes.set_ylim(len(rows) - 0.4, -0.6)
     return look.picture(
         look.svg_of(figure),

@@ -39,9 +39,7 @@ def plot() -> HTML:
     figure = Figure((look.WIDTH, 6.0), layout="constrained")
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     shown = [row for row in rows() if float(row["reference"]) != 0.0]
-    given, ours = (
-        np.abs([float(row[name]) for row in shown]) for name in ("reference", "ours")
-    )
+    given, ours = (np.abs([float(row[name]) for row in shown]) for name in ("reference", "ours"))
     away = np.maximum(np.abs(ours / given - 1.0), LEAST)
     kinds = np.array([kind(row["source"]) for row in shown])
     for name, (colour, marker) in KINDS.items():
@@ -51,28 +49,19 @@ def plot() -> HTML:
         below.plot(given[own], 100.0 * away[own], **look_of)
     missed = np.array([row["holds"] == "no" for row in shown])
     ring = {"color": VERMILION, "marker": "o", "ls": "", "ms": 8.5, "mfc": "none"}
-    top.plot(
-        given[missed],
-        ours[missed],
-        label=f"outside its tolerance ({missed.sum()})",
-        **ring,
-    )
+    top.plot(given[missed], ours[missed], label=f"outside its tolerance ({missed.sum()})", **ring)
     below.plot(given[missed], 100.0 * away[missed], **ring)
     ends = given.min() / 2.0, 2.0 * given.max()
     top.plot(ends, ends, color=GREY, lw=0.8, zorder=0)
     top.set(xscale="log", yscale="log", xlim=ends, ylim=ends, ylabel="our value")
-    below.set(
-        yscale="log", xlabel="reference, each in its own unit", ylabel="difference (%)"
-    )
+    below.set(yscale="log", xlabel="reference, each in its own unit", ylabel="difference (%)")
     below.set_yticks([1e-4, 1e-2, 1.0, 100.0], ["≤ 0.0001", "0.01", "1", "100"])
     for axes in (top, below):
         axes.grid(True)
         axes.set_axisbelow(True)
         axes.minorticks_off()
     top.legend(loc="upper left")
-    words = (
-        f"Our value against the reference for {len(shown)} values; {missed.sum()} miss."
-    )
+    words = f"Our value against the reference for {len(shown)} values; {missed.sum()} miss."
     caption = (
         f"Each of the {len(shown)} marks is a value: ours against the reference, with equality as "
         "the grey line. References of zero are left out and signs are dropped. Tables below give "

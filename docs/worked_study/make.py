@@ -37,9 +37,7 @@ RIGID = [
 def archfrag(*words: str | Path) -> str:
     """What one command prints, as a person types it."""
     program = [Path(sys.executable).with_name("archfrag"), *map(str, words)]
-    return subprocess.run(
-        program, cwd=HERE, check=True, text=True, stdout=subprocess.PIPE
-    ).stdout
+    return subprocess.run(program, cwd=HERE, check=True, text=True, stdout=subprocess.PIPE).stdout
 
 
 def main() -> None:
@@ -68,9 +66,7 @@ def main() -> None:
         shutil.copy(path, RESULTS)
     content = {name: (HERE / name).read_bytes() for name in SOURCES}
     note = {
-        "sha256": {
-            name: hashlib.sha256(each).hexdigest() for name, each in content.items()
-        },
+        "sha256": {name: hashlib.sha256(each).hexdigest() for name, each in content.items()},
         "cores": CORES,
         "wall_time_s": round(wall_time),
         "report_bytes": (out / "report.html").stat().st_size,

@@ -34,16 +34,12 @@ def main() -> None:
     command = [program, "run", STUDY, "--cores", "1", "--quiet"]
     subprocess.run(command, check=True)
     wall_time = time.perf_counter() - start
-    changed = [
-        f"arches.{number}.joints.stiffness=.inf" for number in range(len(ARCHES))
-    ]
+    changed = [f"arches.{number}.joints.stiffness=.inf" for number in range(len(ARCHES))]
     changed += [f"output={json.dumps(f'{out}_rigid')}"]
     subprocess.run([*command, *(f"--set={each}" for each in changed)], check=True)
     # Before files of the checkout change, and with them its state.
     results, rigid = af.open(out), Results(load_study(STUDY, changed))
-    joints = {
-        name: rigid.compare(name, name, other=results).loc["theta"] for name in ARCHES
-    }
+    joints = {name: rigid.compare(name, name, other=results).loc["theta"] for name in ARCHES}
     pairs = [(f"spread-{mm}", f"spread-{mm}-tied") for mm in SPREADS]
     pairs += [("spread-0", f"spread-{mm}") for mm in SPREADS[1:]]
     compared = {pair: results.compare(*pair).loc["theta"] for pair in pairs}
@@ -51,9 +47,7 @@ def main() -> None:
     RESULTS.mkdir()
     for path in (out / "summary.json", out / "capacities.csv"):
         shutil.copy(path, RESULTS)
-    rows = [
-        {"one": one, "other": other, **row} for (one, other), row in compared.items()
-    ]
+    rows = [{"one": one, "other": other, **row} for (one, other), row in compared.items()]
     pd.DataFrame(rows).to_csv(RESULTS / "compared.csv", index=False)
     pd.DataFrame(joints).T.to_csv(RESULTS / "joints.csv", index_label="arch")
     note = {

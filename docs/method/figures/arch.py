@@ -113,9 +113,7 @@ def onset(times: float = 1.0) -> HTML:
     axes.plot(*start.thrust_plus.T, color=GREEN, label="thrust line at onset")
     centre = meeting(corners)
     for near, far in ((corners[0], corners[1]), (corners[3], corners[2])):
-        axes.plot(
-            *np.transpose([near, far, centre]), color=GREY, lw=0.8, ls=(0, (5, 3))
-        )
+        axes.plot(*np.transpose([near, far, centre]), color=GREY, lw=0.8, ls=(0, (5, 3)))
     axes.plot(*centre, "s", color=INK, ms=5)
     name(axes, centre[0] + 0.5, centre[1] + 0.3, "C₂")
     hinges(axes, corners, [side for _, side in start.hinges])
@@ -136,9 +134,7 @@ def onset(times: float = 1.0) -> HTML:
 def meeting(corners: list[FloatArray]) -> FloatArray:
     """Rotation centre of the middle one of three mega-voussoirs."""
     first, second = corners[1] - corners[0], corners[2] - corners[3]
-    along = np.linalg.solve(np.column_stack([first, -second]), corners[3] - corners[0])[
-        0
-    ]
+    along = np.linalg.solve(np.column_stack([first, -second]), corners[3] - corners[0])[0]
     return corners[0] + along * first
 
 
@@ -170,9 +166,7 @@ class Instant:
         self.slope = (self.force * along).sum(1) / pressing
         at = 0.5 * length + moment / pressing
         first, second = np.isin(self.mode, (1, 2, 3)), np.isin(self.mode, (4, 5, 6))
-        self.place = (
-            np.where(first, 0.0, np.where(second, length, at)) / length
-        )  # e of Eq 34
+        self.place = np.where(first, 0.0, np.where(second, length, at)) / length  # e of Eq 34
         self.thrust = self.corners[:, 0] + (self.place * length)[:, None] * along
 
 
@@ -189,17 +183,13 @@ def in_motion(amplitude: float = 0.4, time: float = 0.25, times: float = 20.0) -
     if len(hinge) == 4:
         centre = meeting(hinge)
         for near, far in ((hinge[0], hinge[1]), (hinge[3], hinge[2])):
-            axes.plot(
-                *np.transpose([near, far, centre]), color=GREY, lw=0.8, ls=(0, (5, 3))
-            )
+            axes.plot(*np.transpose([near, far, centre]), color=GREY, lw=0.8, ls=(0, (5, 3)))
         axes.plot(*centre, "s", color=INK, ms=5)
         name(axes, centre[0] + 0.5, centre[1] + 0.3, "C₂")
     for j in opened:
         arrow(axes, now.thrust[j] - scale * now.force[j], now.thrust[j], PURPLE)
     inner = [j for j in range(arch().n_joint) if j not in opened]
-    axes.plot(
-        *now.thrust[inner].T, "o", color=GREEN, ms=4, label="contact centres, Eq 34"
-    )
+    axes.plot(*now.thrust[inner].T, "o", color=GREEN, ms=4, label="contact centres, Eq 34")
     hinges(axes, hinge, ["intrados" if now.mode[j] < 4 else "extrados" for j in opened])
     axes.legend(loc="lower center")
     bare(axes)
@@ -242,9 +232,7 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
             held = np.r_[False, np.isin(mode[:-1, j], modes), False]
             ends = time[np.flatnonzero(np.diff(held.astype(int)))].reshape(-1, 2)
             spans = [[(a, j), (b, j)] for a, b in ends]
-            upper.add_collection(
-                LineCollection(spans, colors=SIDES[side], linewidths=5)
-            )
+            upper.add_collection(LineCollection(spans, colors=SIDES[side], linewidths=5))
     upper.set(ylim=(-0.6, arch().n_joint - 0.4), ylabel="joint hinged at")
     for side, colour in SIDES.items():
         upper.plot([], [], color=colour, lw=5, label=side)
@@ -265,19 +253,10 @@ def portraits(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)) -> HTML:
     for amplitude, colour in zip(amplitudes, (SKY, BLUE, ORANGE, VERMILION)):
         response = run(amplitude)
         history = response.history
-        angle, rate = (
-            history.rotation.values[:, 0],
-            history.angular_velocity.values[:, 0],
-        )
+        angle, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
         words = "collapses" if response.collapsed else "stands"
         kept = np.abs(angle) < 0.2
-        axes.plot(
-            angle[kept],
-            rate[kept],
-            color=colour,
-            lw=1.0,
-            label=f"{amplitude:g} g, {words}",
-        )
+        axes.plot(angle[kept], rate[kept], color=colour, lw=1.0, label=f"{amplitude:g} g, {words}")
     axes.set(xlabel="rotation of voussoir 1 [rad]", ylabel="angular velocity [rad/s]")
     axes.set(ylim=(-0.6, 0.6))
     axes.legend()
@@ -312,9 +291,7 @@ def energy(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6)) -> HTML:
         held = run(amplitude).energy
         for k, (part, colour) in enumerate(parts):
             label = part if row == 0 else None
-            axes.barh(
-                row + 0.2 * (1.5 - k), held[part] / 1e3, 0.19, color=colour, label=label
-            )
+            axes.barh(row + 0.2 * (1.5 - k), held[part] / 1e3, 0.19, color=colour, label=label)
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.set(yticks=range(len(amplitudes)), xlabel="energy [kJ]")
     axes.set_yticklabels([f"{amplitude:g} g" for amplitude in amplitudes])

@@ -68,9 +68,7 @@ def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
     )
 
 
-def _regions_over_friction(
-    axes: Axes, block: RigidBlock, ground_y: float, reach: float
-) -> None:
+def _regions_over_friction(axes: Axes, block: RigidBlock, ground_y: float, reach: float) -> None:
     upward = 1.0 + ground_y
     tip = block.reach_a / block.rise
     load = np.unique(np.append(np.linspace(0.0, reach / upward, 301), tip))
@@ -106,9 +104,7 @@ def _regions_over_friction(
     axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
-def _regions_over_vertical(
-    axes: Axes, block: RigidBlock, friction: float, reach: float
-) -> None:
+def _regions_over_vertical(axes: Axes, block: RigidBlock, friction: float, reach: float) -> None:
     tip = block.reach_a / block.rise
     low, high = -1.4, 0.8
     lift = np.array([-1.0, high])
@@ -118,18 +114,12 @@ def _regions_over_vertical(
     other = Mechanism.SLIDE_ROCK if friction > tip else Mechanism.SLIDE
     axes.axhspan(low, -1.0, color=_SHADE[Mechanism.LIFT_OFF], linewidth=0)
     axes.fill_betweenx(
-        lift,
-        -onset * (1 + lift),
-        onset * (1 + lift),
-        color=_SHADE[Mechanism.REST],
-        linewidth=0,
+        lift, -onset * (1 + lift), onset * (1 + lift), color=_SHADE[Mechanism.REST], linewidth=0
     )
     for sign in (1.0, -1.0):
         corner = "A" if sign > 0 else "B"
         edges = [onset, slips, 1e3]
-        for a, b, mechanism in zip(
-            edges, edges[1:], (Mechanism.ROCK, other), strict=False
-        ):
+        for a, b, mechanism in zip(edges, edges[1:], (Mechanism.ROCK, other), strict=False):
             axes.fill_betweenx(
                 lift, sign * a * (1 + lift), sign * b * (1 + lift), color=_SHADE[mechanism],
                 linewidth=0,
@@ -221,13 +211,9 @@ def impacts() -> HTML:
     slopes = np.linspace(0.02, 1.6, 120)
     blocks = [uniform_block(slope, 1.0, 1.0) for slope in slopes]
     for friction, colour in ((np.inf, INK), (0.3, BLUE), (0.15, VERMILION)):
-        after = [
-            rocking_impact(block, CORNER_A, -1.0, 0.0, friction) for block in blocks
-        ]
+        after = [rocking_impact(block, CORNER_A, -1.0, 0.0, friction) for block in blocks]
         label = "does not slide" if np.isinf(friction) else f"μ = {friction:g}"
-        axes.plot(
-            slopes, [-found.rotation for found in after], color=colour, label=label
-        )
+        axes.plot(slopes, [-found.rotation for found in after], color=colour, label=label)
     ratio = [impact_ratio(block, CORNER_A) for block in blocks]
     axes.plot(slopes, ratio, ":", color=GREY, label="1 − 1.5 sin²α (Housner)")
     axes.set(xlabel="b/h", ylabel="velocity ratio", ylim=(-0.1, 1.05))
@@ -254,10 +240,7 @@ def phase_portrait() -> HTML:
             af.Block(width, height, friction=2.0), af.Motion(np.zeros(400), 0.01), initial=state,
             method="event_driven", rtol=1e-6, history=True,
         ).history  # fmt: skip
-        angle, rate = (
-            history.rotation.values[:, 0],
-            history.angular_velocity.values[:, 0],
-        )
+        angle, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
         axes.plot(angle / alpha, rate, color=colour, label=f"from {part:g} α")
     axes.set(xlabel="rotation / α", ylabel="angular velocity [rad/s]")
     axes.legend(loc="upper right")

@@ -118,9 +118,7 @@ def _balance(
 def _cone(axes: Axes, flat: Plane, n_t: _Vector, n_n: _Vector, reach: float) -> None:
     rays = [flat(ray) for ray in paper.cone(np.array([n_t, n_n]), FRICTION)]
     ends = [float(np.degrees(np.arctan2(ray[1], ray[0]))) for ray in rays]
-    axes.add_patch(
-        Wedge((0.0, 0.0), reach, *ends, facecolor=CONE, linewidth=0, zorder=0)
-    )
+    axes.add_patch(Wedge((0.0, 0.0), reach, *ends, facecolor=CONE, linewidth=0, zorder=0))
     for ray, label in zip(rays, ("N⁺", "N⁻"), strict=True):
         tip = reach * ray / np.linalg.norm(ray)
         axes.plot([0.0, tip[0]], [0.0, tip[1]], color=SKY, lw=1.0, zorder=1)
@@ -137,12 +135,7 @@ def _grey(axes: Axes, place: FloatArray, text: str) -> None:
 
 
 def _split(
-    axes: Axes,
-    block: RigidBlock,
-    rotation: float,
-    omega: float,
-    slip: float,
-    title: str,
+    axes: Axes, block: RigidBlock, rotation: float, omega: float, slip: float, title: str
 ) -> None:
     """Fig 7: the tangential direction along a motion that slides, and across it."""
     arm = paper.corner_arm(block, CORNER_A, rotation)

@@ -41,12 +41,7 @@ def shown(figure: Figure, words: str, caption: str) -> HTML:
 
 
 def arrow(
-    axes: Axes,
-    start: ArrayLike,
-    end: ArrayLike,
-    colour: str,
-    label: str = "",
-    at: float = 1.0,
+    axes: Axes, start: ArrayLike, end: ArrayLike, colour: str, label: str = "", at: float = 1.0
 ) -> None:
     """An arrow; its label stands at a part of its length, on the right for a negative part."""
     start, end = np.asarray(start, float), np.asarray(end, float)
@@ -59,11 +54,7 @@ def arrow(
     if not label:
         return
     along = end - start
-    side = (
-        np.copysign(1.0, at) * np.array([-along[1], along[0]])
-        if abs(at) < 1.0
-        else along
-    )
+    side = np.copysign(1.0, at) * np.array([-along[1], along[0]]) if abs(at) < 1.0 else along
     offset = 10.0 * side / max(float(np.linalg.norm(side)), 1e-12)
     place = "center" if abs(offset[0]) < 5 else ("left" if offset[0] > 0 else "right")
     axes.annotate(
@@ -99,13 +90,8 @@ def moved(
     """Outlines of an arch that has moved, displacements multiplied."""
     found = []
     for outline, centre, shift, angle in zip(
-        arch.outlines,
-        arch.chain.centroid,
-        np.asarray(displacement),
-        np.asarray(rotation),
+        arch.outlines, arch.chain.centroid, np.asarray(displacement), np.asarray(rotation)
     ):
         c, s = np.cos(times * angle), np.sin(times * angle)
-        found.append(
-            centre + times * shift + (outline - centre) @ np.array([[c, s], [-s, c]])
-        )
+        found.append(centre + times * shift + (outline - centre) @ np.array([[c, s], [-s, c]]))
     return found

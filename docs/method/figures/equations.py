@@ -7,9 +7,7 @@ from pathlib import Path
 from IPython.display import HTML
 
 TABLE = Path(__file__).parents[3] / "pipeline" / "METHOD.md"
-ROW = re.compile(
-    r"^\| (\d+) \| ([^|]+) \| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", re.M
-)
+ROW = re.compile(r"^\| (\d+) \| ([^|]+) \| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", re.M)
 
 
 def rows() -> dict[int, tuple[str, ...]]:
