@@ -69,6 +69,7 @@ def hang(app: Sphinx, doctree: nodes.document, name: str) -> None:
 
 
 def setup(app: Sphinx) -> dict:
+    """Offer notebooks of the gallery's pages to Sphinx."""
     app.connect("doctree-read", offer_notebook, priority=100)  # before downloads are collected
     app.connect("doctree-resolved", hang)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -50,6 +50,7 @@ def themed(svg: str) -> str:
     svg = svg.replace('<rect width="100%" height="100%" fill="white"/>', "")
 
     def pair(found: re.Match) -> str:
+        """A colour of the light page with that of the dark one."""
         colour = NAMES.get(found[0], found[0])
         if len(colour) == 4:
             colour = "#" + "".join(2 * digit for digit in colour[1:])

@@ -18,6 +18,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocat
 from archbench.growth import medians
 from archbench.joints import CORNERS, EXACT, NAMES
 from archbench.quantities import QUANTITIES
+from archbench.settings import default_setting
 from archbench.speed import kept_errors
 from archfrag.physics.methods.registry import AUTO
 
@@ -27,7 +28,6 @@ PALE = "#d3dae2"
 WIDTH = 7.4  # [inch]
 DASHES = (0, (5, 3))
 COST = "CPU seconds of a run"
-DEFAULT = 1e-3  # tolerance of auto
 PERCENTS = (-80, -40, -20, -10, 0, 10, 20, 40, 80, 160, 320)
 
 
@@ -175,52 +175,61 @@ def cost_chart(points: pd.DataFrame, quantity: str) -> Figure | None:
     return figure
 
 
-def errors_chart(points: pd.DataFrame, errors: pd.DataFrame) -> Figure:
+def is_default(table: pd.DataFrame) -> pd.Series:
+    """Which rows of a table, by its columns `method` and `value`, are of `auto` by default."""
+    return (table["method"] == AUTO) & (table["value"] == default_setting(AUTO).value)
+
+
+def errors_chart(points: pd.DataFrame, errors: pd.DataFrame) -> Figure | None:
     """Error against cost over that of the default: of the collapse amplitude, and of theta.
 
     Amplitudes are medians over scenes of each setting that most of them have. Beside the errors
-    of theta by steps are those of the model.
+    of theta by steps are those of the model. None if the default was not measured.
     """
-    figure, panels = _panels(4.6, 1, 2, 2)
     kept = kept_errors(points)
     kept = kept[kept["quantity"] == "amplitude"]
     enough = kept.groupby(["method", "value"])["scene"].transform("size")
-    kept = kept[enough * 2 > kept["scene"].nunique()]
-    medians_of = kept.groupby(["method", "value"], sort=False)[["seconds", "kept"]]
-    table = medians_of.median().reset_index()
-    hollow = kept.groupby(["method", "value"], sort=False)["at_floor"].all().to_numpy()
-    usual = (table["method"] == AUTO) & (table["value"] == DEFAULT)
-    default = table.loc[usual, "seconds"].item()
+    shown = kept[(enough * 2 > kept["scene"].nunique()) | is_default(kept)]
+    settings = shown.groupby(["method", "value"], sort=False)
+    table = settings.agg({"kept": "median", "seconds": "median", "at_floor": "all"})
+    table = table.reset_index()
+    unit = table.loc[is_default(table), "seconds"].median()
+    if math.isnan(unit):
+        return None
+    figure, panels = _panels(4.6, 1, 2, 2)
     methods = _ordered(table["method"])
     for method in methods:
-        own = (table["method"] == method).to_numpy()
-        cost = table.loc[own, "seconds"] / default
-        kept_error = 100.0 * table.loc[own, "kept"]
-        _marked(panels[0], cost, kept_error, hollow[own], style_of(method))
+        own = table[table["method"] == method]
+        cost = own["seconds"] / unit
+        _marked(panels[0], cost, 100.0 * own["kept"], own["at_floor"], style_of(method))
     for kind, rows in errors.groupby("kind", sort=False):
-        percent = 100.0 * np.maximum(rows["error"].abs(), rows["known_to"])
-        style = style_of(str(kind))
-        unknown = rows["error"].abs() <= rows["known_to"]
-        _marked(panels[1], rows["cost"], percent, unknown, style)
-        below = kind == AUTO  # else labels stand on each other
-        shown = rows.assign(percent=percent)[["what", "cost", "percent"]]
-        shown = shown.iloc[:: 3 if kind == "records" else 1]
-        for label, x, y in shown.itertuples(index=False):
-            panels[1].annotate(
-                label,
-                (x, y),
-                (-4, -9) if below else (4, 3),
-                ha="right" if below else "left",
-                textcoords="offset points",
-                fontsize=7.0,
-                color=style.colour,
-            )
-    words = "cost over that of auto at 1e-3"
+        _errors_of_theta(panels[1], str(kind), rows)
+    words = "cost over that of auto at its default"
     _log(panels[0], words, "error (%)", "Collapse amplitude of a scene")
     _log(panels[1], words, "", "Theta of a study")
     panels[1].set(xlim=(0.2, 300.0), ylim=(0.3, 100.0))
     _legend(figure, methods)
     return figure
+
+
+def _errors_of_theta(axes: Axes, kind: str, rows: pd.DataFrame) -> None:
+    """Marks and labels of errors of one kind."""
+    style = style_of(kind)
+    error = rows["error"].abs()
+    percent = 100.0 * np.maximum(error, rows["known_to"])
+    _marked(axes, rows["cost"], percent, error <= rows["known_to"], style)
+    below = kind == AUTO  # else labels stand on each other
+    shown = rows.assign(percent=percent).iloc[:: 3 if kind == "records" else 1]
+    for label, x, y in shown[["what", "cost", "percent"]].itertuples(index=False):
+        axes.annotate(
+            label,
+            (x, y),
+            (-4, -9) if below else (4, 3),
+            ha="right" if below else "left",
+            textcoords="offset points",
+            fontsize=7.0,
+            color=style.colour,
+        )
 
 
 def fragility_chart(curves: pd.DataFrame) -> Figure:
@@ -300,10 +309,14 @@ def joints_chart(errors: pd.DataFrame, left_out: pd.DataFrame) -> Figure:
     figure, panels = _panels(3.2, 1, 3, 3)
     colours = {"rigid": INK, "inset": STYLES["auto"].colour}
     colours[CORNERS] = STYLES["penalty"].colour
-    for model, colour in list(colours.items())[:2]:
+    for model in ("rigid", "inset"):
         percent = 100.0 * errors[f"error_{model}"]
         panels[0].plot(
-            100.0 * errors["onset_loss"], percent, ".", color=colour, label=model
+            100.0 * errors["onset_loss"],
+            percent,
+            ".",
+            color=colours[model],
+            label=model,
         )
     panels[0].axhspan(-5.0, 5.0, color=PALE, zorder=0)
     panels[0].set(

@@ -21,13 +21,12 @@ from archbench.settings import available_methods
 from archbench.speed import cost_over
 from archfrag.errors import InputError
 from archfrag.files import replacing
-from archfrag.physics.methods.registry import AUTO
 from archfrag.study.provenance import strict_json
 from archfrag.system import available_cores
 
 LINES = 10
 HOURS = 4.0  # of all parts
-RECORDS = 30  # of the shipped study
+RECORDS = 30  # of the part fragility
 # Tables that charts are drawn of; what their rows are told apart by, and what is compared.
 DRAWN = {
     "speed": ["points"],
@@ -118,20 +117,19 @@ def errors_table(
         if name in tables.get(part, {})
         for row in errors(tables[part][name])
     ]
-    return pd.DataFrame(rows, columns=["kind", "what", "cost", "error", "known_to"])
+    table = pd.DataFrame(rows, columns=["kind", "what", "cost", "error", "known_to"])
+    return table.dropna(subset=["cost"])  # without a study by default
 
 
 def _by_steps(knee: pd.DataFrame) -> Iterator[Error]:
-    usual = (knee["method"] == AUTO) & (knee["value"] == charts.DEFAULT)
-    unit = knee["arch"].map(knee[usual].set_index("arch")["seconds"])
+    unit = knee["arch"].map(knee[charts.is_default(knee)].set_index("arch")["seconds"])
     knee = knee.assign(cost=knee["seconds"] / unit)[knee["rms"] > 0.0]
     for (method, value), own in knee.groupby(["method", "value"], sort=False):
         yield (str(method), f"{value:g}", *_mean_error(own))
 
 
 def _by_programs(curves: pd.DataFrame) -> Iterator[Error]:
-    usual = (curves["method"] == AUTO) & (curves["value"] == charts.DEFAULT)
-    unit = curves.loc[usual, "seconds"].item()
+    unit = curves.loc[charts.is_default(curves), "seconds"].median()
     for method, own in curves[~curves["method"].isin(OURS)].groupby("method"):
         best = own.iloc[-1]
         error = best["theta_difference"], best["theta_known_to"]
@@ -157,7 +155,7 @@ def _by_joints(models: pd.DataFrame) -> Iterator[Error]:
 
 
 def _by_spans(theta: pd.DataFrame) -> Iterator[Error]:
-    unit = theta.loc[theta["spans"] == 1, "seconds"].item()
+    unit = theta.loc[theta["spans"] == 1, "seconds"].median()
     known = np.maximum(theta["standard_error"], theta["standard_error"].median())
     error = np.log1p(theta["over_most"])
     columns = theta["spans"], theta["seconds"] / unit, error, known
@@ -171,8 +169,13 @@ def _mean_error(own: pd.DataFrame) -> tuple[float, float, float]:
     return float(np.exp(np.log(own["cost"]).mean())), *squares
 
 
-def overview(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure:
-    """The chart of README: errors of steps, programs and models against their cost."""
+def overview(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> Figure | None:
+    """The chart of README: errors of steps, programs and models against their cost.
+
+    None if the default was not measured.
+    """
+    if "points" not in tables["speed"]:
+        return None
     return charts.errors_chart(tables["speed"]["points"], errors_table(tables))
 
 
@@ -300,9 +303,9 @@ def write_page(folder: Path) -> Path:
         }
         about = strict_json(about_of(folder, part))
         sections.append((PARTS[part].title, list(drawn.items()), small, about))
-    chart = ""
-    if "points" in tables["speed"]:
-        chart = svg_of(overview(tables))
+    figure = overview(tables)
+    chart = svg_of(figure) if figure else ""
+    if chart:
         _write(folder / "overview.svg", chart)
     levels = tables["speed"].get("levels")
     summary = "" if levels is None else _html(summary_table(levels))

@@ -217,6 +217,15 @@ def test_errors_of_the_report_are_those_of_the_page():
     pd.testing.assert_frame_equal(shown, known.loc[shown.index], rtol=6e-3)
 
 
+def test_a_page_is_written_without_the_default(tmp_path):
+    """A part whose time was over may lack any setting."""
+    for name in ("speed_points", "fragility_curves", "knee_settings"):
+        table = pd.read_csv(DATA / f"{name}.csv")
+        part = table[(table["method"] != "auto") | (table["value"] != 1e-3)]
+        part.to_csv(tmp_path / f"{name}.csv", index=False)
+    assert "Cost against error" in write_page(tmp_path).read_text()
+
+
 def test_a_quick_measurement_has_the_figures_of_the_page(tmp_path):
     """The growth of all methods, and where they fail: ratios, whatever the machine."""
     gather(["quick", "growth", "stability"], tmp_path)

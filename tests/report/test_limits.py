@@ -1,5 +1,6 @@
 """The report says of each thing that a study may model whether it is modelled."""
 
+from dataclasses import replace
 from itertools import product
 
 import lxml.html
@@ -9,7 +10,13 @@ import pytest
 
 import archfrag as af
 from archfrag.report.html import ERRORS
-from archfrag.report.limits import aspects, errors_of, short
+from archfrag.report.limits import (
+    aspects,
+    errors_and_costs,
+    errors_of,
+    errors_sentence,
+    short,
+)
 from archfrag.report.page import render
 from tests.piers import on_piers
 from tests.report import synthetic
@@ -171,10 +178,10 @@ RING = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
     [
         (RING, ["0.001", "rigid", "1 of 3 spans"]),
         (af.jointed(RING, 3e10), ["0.001", "inset", "1 of 3 spans"]),
-        (af.jointed(RING, 3e10, model="face"), ["0.001", "face", "1 of 3 spans"]),
+        (af.jointed(RING, 3e10, model="face"), ["face", "1 of 3 spans"]),
         (
             af.jointed(RING, 3e10, model="face", points=2),
-            ["0.001", "two corners", "1 of 3 spans"],
+            ["two corners", "1 of 3 spans"],
         ),
         (
             af.Bridge([RING] * 2, piers={"height": 3.0, "width": 3.0}),
@@ -195,6 +202,25 @@ def test_errors_that_a_study_has_are_marked_and_cost_as_much_as_it_does(arch, ow
     )
 
 
+@pytest.mark.parametrize(
+    "ends", [(np.nan, np.nan), (2.0, np.inf), (0.0, 3.0), (3.0, 3.0)]
+)
+def test_records_have_no_error_where_theta_has_no_finite_interval(ends):
+    answer = replace(synthetic.answer_of(3.0), intervals=(ends, (0.3, 0.6)))
+    table = errors_of(synthetic.inputs(), RING, answer)
+    assert {*table["kind"]} == {"auto", "joints", "spans"}
+    assert "nan" not in errors_and_costs(table).svg
+
+
+def test_errors_of_few_records():
+    """None is of less than a record, and an error may be more than theta."""
+    wide = replace(synthetic.answer_of(3.0), intervals=((0.03, 300.0), (0.3, 0.6)))
+    table = errors_of(synthetic.inputs(n_record=2), RING, wide)
+    records = table[table["kind"] == "records"]
+    assert records["what"].tolist() == ["2 records", "6 records", "20 records"]
+    assert "its 2 records (280 %)" in errors_sentence(table)
+
+
 def test_the_last_section_says_which_error_is_the_largest():
     page = lxml.html.document_fromstring(render(synthetic.inputs())[0])
     assert page.xpath("//section/@id")[-1] == "errors"
@@ -203,3 +229,4 @@ def test_the_last_section_says_which_error_is_the_largest():
     rigid = table.query("kind == 'joints' and what == 'rigid'")["error"].item()
     assert f"rigid joints ({100 * rigid:.2g} %)" in words
     assert "its 6 records (" in words
+    assert words.strip().endswith("taking it alone makes an error of 46 %.")

@@ -124,21 +124,22 @@ class TestProcess:
         assert (done.returncode, done.stderr) == (130, "archfrag: stopped by SIGINT\n")
 
     @pytest.mark.parametrize(
-        "words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]]
+        ("name", "given", "why"),
+        [
+            ("NUMBA_DISABLE_JIT", "1", "is set"),
+            ("ARCHFRAG_LANES", "6", "is '6'; it must be 4 or 8"),
+        ],
     )
-    def test_kernels_that_are_not_compiled_are_said(self, words, tmp_path):
-        more = ["--set", f"output={tmp_path}"] if words[0] == "run" else []
-        said = started(*words, *more, code=2, NUMBA_DISABLE_JIT="1")
-        assert "error: NUMBA_DISABLE_JIT is set" in said
-        assert said.rstrip().endswith("unset NUMBA_DISABLE_JIT")
-
     @pytest.mark.parametrize(
         "words", [["warmup"], ["run", str(ROOT / "configs" / "tiny.yaml")]]
     )
-    def test_a_number_of_lanes_that_there_is_not_is_refused(self, words, tmp_path):
+    def test_a_variable_with_which_nothing_runs_is_said(
+        self, words, name, given, why, tmp_path
+    ):
         more = ["--set", f"output={tmp_path}"] if words[0] == "run" else []
-        said = started(*words, *more, code=2, ARCHFRAG_LANES="6")
-        assert "error: ARCHFRAG_LANES is '6'; it must be 4 or 8" in said
+        said = started(*words, *more, code=2, **{name: given})
+        assert f"error: {name} {why}" in said
+        assert "unset" in said
 
     def test_an_empty_variable_is_none(self):
         said = started("simulate", *ARCH, "nothing.AT2", code=2, NUMBA_DISABLE_JIT="")

@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from statistics import NormalDist
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtri
 
 from archfrag.arch import Arch
 from archfrag.arch.bridge import fill_weighs
-from archfrag.fragility.curve import Curve
+from archfrag.fragility.curve import Curve, tails
 from archfrag.physics.methods.registry import known_methods
 from archfrag.properties import value_of
-from archfrag.report.html import ERRORS, TEXTS, percentages
+from archfrag.report.html import ERRORS, TEXTS, rounded
 from archfrag.report.inputs import ReportInputs, several
 from archfrag.report.svg import (
     BLUE,
@@ -23,6 +23,7 @@ from archfrag.report.svg import (
     PURPLE,
     VERMILION,
     Entry,
+    Panel,
     Sheet,
     Words,
     figure,
@@ -39,6 +40,7 @@ _KINDS = {
     "joints": Entry("joints", VERMILION, "dot"),
     "spans": Entry("spans", PURPLE, "dot"),
 }
+ONE_SPAN = "1 of 3 spans"
 _AXES = ["cost", "percent"]
 _MORE = np.array([1 / 3, 1.0, 3.0, 10.0])  # records over those of the study
 Given = Mapping[
@@ -136,8 +138,9 @@ def base_of(arch: Arch) -> str:
 def errors_of(inputs: ReportInputs, arch: Arch, answer: Curve) -> pd.DataFrame:
     """Return known errors of theta with costs over those of the study; `own` says which it has.
 
-    Rows of `report/templates/errors.csv` on other methods, and, for what stands alone, on joints
-    and spans, are left out. The last rows are of more and fewer records.
+    Rows of `report/templates/errors.csv` that do not apply are left out: of other methods, of
+    steps with elastic faces, and, for what stands alone, of joints and spans. The last rows are
+    of more and fewer records, if the interval of theta is finite.
     """
     table = pd.read_csv(ERRORS)
     own = table["kind"].map(_chosen(inputs, arch))
@@ -152,23 +155,36 @@ def _chosen(inputs: ReportInputs, arch: Arch) -> dict[str, str]:
     method = inputs.config.get("method", {"name": "auto"})
     name = method["name"]
     key = "dt" if name == "time_stepping" else "rtol"
-    chosen = {name: f"{method.get(key) or default_of(known_methods()[name], key):g}"}
+    joints = arch.parameters.get("joints") or {"model": "rigid"}
+    chosen = dict[str, str]()
+    if joints["model"] != "face":
+        value = method.get(key) or default_of(known_methods()[name], key)
+        chosen[name] = f"{value:g}"
     if not arch.free_end:
-        joints = arch.parameters.get("joints") or {"model": "rigid"}
         corners = joints.get("points") == 2
         chosen["joints"] = "two corners" if corners else joints["model"]
-        chosen["spans"] = "" if arch.spans[1:] else "1 of 3 spans"
+        chosen["spans"] = "" if arch.spans[1:] else ONE_SPAN
     return chosen
 
 
 def _by_records(inputs: ReportInputs, answer: Curve) -> pd.DataFrame:
     """Return the standard error of ln theta, which falls with the root of the records."""
-    spread = np.log(np.divide(*answer.theta_interval[::-1]))
-    spread /= 2.0 * NormalDist().inv_cdf(0.5 + 0.5 * answer.confidence)
-    words = [f"{n:.0f} records" for n in _MORE * inputs.cube.sizes["record"]]
-    table = pd.DataFrame({"kind": "records", "what": words, "cost": _MORE})
-    table["own"] = _MORE == 1.0
-    return table.assign(error=spread * _MORE**-0.5, known_to=0.0)
+    low, high = answer.theta_interval
+    if not 0.0 < low < high < np.inf:
+        return pd.DataFrame()
+    spread = np.log(high / low) / (2.0 * ndtri(tails(answer.confidence)[1]))
+    count = inputs.cube.sizes["record"]
+    more = _MORE[_MORE * count >= 1.0]
+    return pd.DataFrame(
+        {
+            "kind": "records",
+            "what": [f"{n:.0f} records" for n in more * count],
+            "cost": more,
+            "error": spread * more**-0.5,
+            "known_to": 0.0,
+            "own": more == 1.0,
+        }
+    )
 
 
 @figure
@@ -176,7 +192,8 @@ def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
     """Draw the rows of `errors_of`."""
     entries = [entry for kind, entry in _KINDS.items() if kind in {*table["kind"]}]
     records = Entry("records, as of this study", INK, "dash")
-    entries += [records, Entry("not of this study", INK, "ring")]
+    entries += [records] * ("records" in {*table["kind"]})
+    entries += [Entry("not of this study", INK, "ring")]
     table["percent"] = 100.0 * np.maximum(abs(table["error"]), table["known_to"])
     ends = [(0.6 * table[name].min(), 2.0 * table[name].max()) for name in _AXES]
     panel = panel_below(sheet, entries, 260.0, *ends, log=True)
@@ -185,25 +202,31 @@ def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
     line = table.loc[table["kind"] == "records", _AXES]
     panel.line(line["cost"], line["percent"], INK, 1.0, records.dash)
     for row in table.to_dict("records"):
-        x, y = row["cost"], row["percent"]
-        mark = "dot" if row["own"] else "ring"
-        panel.dots([x], [y], _KINDS.get(row["kind"], records).colour, mark, 4.0)
-        lower = row["kind"] == "records"  # so that labels do not overlap
-        height = float(panel.at_y(y)) + (12.0 if lower else -4.0)
-        panel.label(x, height, row["what"], "s", left=lower)
+        _draw_error(panel, row, _KINDS.get(row["kind"], records).colour)
     return "Errors of θ against their cost", TEXTS["errors"]["caption"]
 
 
+def _draw_error(panel: Panel, row: Mapping[Any, Any], colour: str) -> None:
+    x, y = row["cost"], row["percent"]
+    panel.dots([x], [y], colour, "dot" if row["own"] else "ring", 4.0)
+    lower = row["kind"] == "records"  # so that labels do not overlap
+    height = float(panel.at_y(y)) + (12.0 if lower else -4.0)
+    panel.label(x, height, row["what"], "s", left=lower)
+
+
 def errors_sentence(table: pd.DataFrame) -> str:
-    """Return what the errors of the study are, the largest first."""
+    """Return the errors of the study, the largest first, and that of one span in a bridge."""
     own = table[table["own"]]
     own = own.assign(error=abs(own["error"])).sort_values("error", ascending=False)
     texts = TEXTS["errors"]
-    named = (
-        texts[row["kind"]].format_map(row | {"percent": percentages([row["error"]])})
+    named = {
+        row["kind"]: texts[row["kind"]].format_map(
+            row | {"percent": f"{rounded(100.0 * row['error'])} %"}
+        )
         for row in own.to_dict("records")
-    )
-    return texts["own"].format(list=", ".join(named))
+    }
+    alone = named.pop("spans", "")
+    return texts["own"].format(list=", ".join(named.values())) * bool(named) + alone
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:

@@ -517,10 +517,9 @@ def _provenance(attributes: Mapping[str, Any]) -> PageSection:
 
 
 def _errors(inputs: ReportInputs, lead: str) -> Iterator[PageSection]:
-    """Yield the section on errors and what it costs to reduce them, if there is a curve."""
-    answer = leading(inputs)[1]
-    if answer.fitted:
-        table = errors_of(inputs, inputs.arches[lead].arch, answer)
+    """Yield the section on errors and what it costs to reduce them, if any is known."""
+    table = errors_of(inputs, inputs.arches[lead].arch, leading(inputs)[1])
+    if len(table):
         parts = [errors_and_costs(table), paragraph(errors_sentence(table))]
         yield PageSection("errors", "Errors and their costs", parts)
 
