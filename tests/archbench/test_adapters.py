@@ -15,7 +15,7 @@ from archbench.adapters.client import NAMES, OtherSolver, SolverFailed
 from archbench.adapters.drive import drive
 from archbench.scene import Corners, load_scene, scene_names
 from archbench.settings import Setting
-from archbench.solve import arch_of, solve
+from archbench.solve import arch_of, collapses, solve
 from archfrag.arch.geometry import cross
 
 SCENES = [name for name in scene_names() if load_scene(name).motion["kind"] != "record"]
@@ -203,3 +203,14 @@ def test_each_solver_that_is_installed_moves_as_ours(name):
         start = ROCKING.initial_state()[0][0, :2, None]
         ours = start + moved(ROCKING, Setting("time_stepping", "dt", 1e-4), [0.3])
         assert start + moved(ROCKING, theirs, [0.3]) == pytest.approx(ours, rel=block)
+
+
+def test_a_corner_that_sinks_in_a_long_step_is_not_pushed_out_by_the_end_of_its_face():
+    """In MuJoCo with spheres of 1 mm a column fell far below the level of its collapse."""
+    try:
+        OtherSolver("mujoco_corners", 120.0).close()
+    except client.SolverMissing as reason:
+        pytest.skip(str(reason))
+    scene = load_scene("column_pulse")
+    setting = Setting("mujoco_corners", "dt", 0.005)
+    assert [collapses(scene, setting, level) for level in (0.24, 0.32)] == [False, True]

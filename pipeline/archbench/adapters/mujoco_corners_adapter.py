@@ -15,7 +15,7 @@ TOLERANCE = 1e-10
 IMPRATIO = 10.0
 SOLREF_STEPS = 2.0
 SOLIMP = (0.99, 0.9999, 0.0001, 0.5, 2.0)
-RADIUS = 1e-3  # of corners [m]
+RADIUS = 0.02  # of corners, in lengths of their face: one that sinks deeper leaves by its end
 HALF_DEPTH = 0.5
 
 
@@ -93,12 +93,13 @@ def _add_contacts(spec: mujoco.MjSpec, bodies: list, scene: Scene, time: float) 
                     quat=[math.cos(half_angle), 0.0, math.sin(half_angle), 0.0],
                     size=[0.5 * length, HALF_DEPTH, 0.1 * length],
                 )
-            x, z = reach[i] + RADIUS * normal
+            radius = RADIUS * np.hypot(*(arm[i | 1] - arm[i & ~1]))
+            x, z = reach[i] + radius * normal
             bodies[other[i]].add_geom(
                 name=corner,
                 type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 pos=[x, 0.0, z],
-                size=[RADIUS, 0.0, 0.0],
+                size=[radius, 0.0, 0.0],
                 **silent,
             )
             spec.add_pair(
