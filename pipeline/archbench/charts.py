@@ -218,8 +218,10 @@ def _errors_of_theta(axes: Axes, kind: str, rows: pd.DataFrame) -> None:
     error = rows["error"].abs()
     percent = 100.0 * np.maximum(error, rows["known_to"])
     _marked(axes, rows["cost"], percent, error <= rows["known_to"], style)
-    below = kind == AUTO  # else labels stand on each other
-    shown = rows.assign(percent=percent).iloc[:: 3 if kind == "records" else 1]
+    below = kind in (AUTO, "time_stepping")
+    shown = rows.assign(percent=percent)[
+        :: len(rows) - 1 or 1 if below or kind == "records" else 1
+    ]
     for label, x, y in shown[["what", "cost", "percent"]].itertuples(index=False):
         axes.annotate(
             label,
