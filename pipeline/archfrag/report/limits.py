@@ -209,8 +209,8 @@ def errors_and_costs(sheet: Sheet, table: pd.DataFrame) -> Words:
 def _draw_error(panel: Panel, row: Mapping[Any, Any], colour: str) -> None:
     x, y = row["cost"], row["percent"]
     panel.dots([x], [y], colour, "dot" if row["own"] else "ring", 4.0)
-    lower = row["kind"] == "records"  # so that labels do not overlap
-    height = float(panel.at_y(y)) + (12.0 if lower else -4.0)
+    lower = row["kind"] == "records" or not row["error"]  # else labels overlap
+    height = float(panel.at_y(y)) + 16.0 * lower - 4.0
     panel.label(x, height, row["what"], "s", left=lower)
 
 
