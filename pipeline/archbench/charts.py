@@ -219,9 +219,9 @@ def _errors_of_theta(axes: Axes, kind: str, rows: pd.DataFrame) -> None:
     percent = 100.0 * np.maximum(error, rows["known_to"])
     _marked(axes, rows["cost"], percent, error <= rows["known_to"], style)
     below = kind in (AUTO, "time_stepping")
-    shown = rows.assign(percent=percent)[
-        :: len(rows) - 1 or 1 if below or kind == "records" else 1
-    ]
+    shown = rows.assign(percent=percent)
+    if below or kind == "records":  # a line has labels at its ends
+        shown = shown.iloc[[0, -1]]
     for label, x, y in shown[["what", "cost", "percent"]].itertuples(index=False):
         axes.annotate(
             label,

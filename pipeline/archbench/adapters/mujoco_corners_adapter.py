@@ -15,7 +15,9 @@ TOLERANCE = 1e-10
 IMPRATIO = 10.0
 SOLREF_STEPS = 2.0
 SOLIMP = (0.99, 0.9999, 0.0001, 0.5, 2.0)
-RADIUS = 0.02  # of corners, in lengths of their face: one that sinks deeper leaves by its end
+# Of corners, in lengths of their face. A corner that sinks in by more than its radius in one step
+# is pushed out by the end of the face.
+RADIUS = 0.02
 HALF_DEPTH = 0.5
 
 
